@@ -1,10 +1,10 @@
-"""Malformed jobs and tables, made from the schema itself, and what netfall must answer to each of them.
+"""Malformed jobs and tables, made from the schema, and a check of netfall's answer to each of them.
 
     .venv/bin/mpirun -n 2 .venv/bin/python tests/bad_inputs.py 400
 
-Every case is run in this process on every rank, as the command line would: exit code 2 on each rank, one line
-for each error on rank 0 alone, no traceback, no file left. (One process for all cases: starting Python 800
-times would take longer than the answers.)
+Each case runs in this process on every rank. It must end with exit code 2 on each rank, one line for each
+error on rank 0 alone, no traceback and no file. One process runs all cases, because 800 starts of Python
+would take longer.
 """
 
 import contextlib
@@ -106,7 +106,7 @@ ABSURD = (  # sizes that no machine holds, values that do not go together
 
 
 def text_of(job: dict) -> str:
-    """The job as a TOML file."""
+    """Return the job as a TOML file."""
     lines = []
     for section, keys in job.items():
         lines += [f"[{section}]"] * bool(section) + [f"{name} = {value}" for name, value in keys.items()]
@@ -114,7 +114,7 @@ def text_of(job: dict) -> str:
 
 
 def wrong_values(key) -> list[str]:
-    """Values, as they would stand in the file, that the key's own row of the schema forbids."""
+    """Return values, as in the file, that the schema forbids for a key."""
     values = ["[[1]]", "{a = 1}"]
     if key.kind in ("number", "integer", "vector", "points"):
         values += ['"fast"', '"1.0"', "true", "nan", "inf", "-inf", "1979-05-27"]
@@ -143,7 +143,7 @@ def wrong_values(key) -> list[str]:
 
 
 def changed(section: str, name: str | None, value: str | None) -> dict[str, bytes]:
-    """The job with another value of a key; without it if there is none; without the section if name is."""
+    """Return the job with another value of a key, without the key, or without the section."""
     job = {each: dict(keys) for each, keys in JOB.items()}
     if section.startswith("net.") and section != "net.saddle":
         del job["net.saddle"]
@@ -158,13 +158,13 @@ def changed(section: str, name: str | None, value: str | None) -> dict[str, byte
 
 
 def with_tables(nodes: str, elements: str) -> dict[str, bytes]:
-    """Files of a job with tables."""
+    """Return the files of a job with tables."""
     job = text_of(JOB | {"net": {"nodes": '"nodes.csv"', "elements": '"elements.csv"'}})
     return {"job.toml": job.encode(), "nodes.csv": nodes.encode(), "elements.csv": elements.encode()}
 
 
 def wrong_cell(pick: random.Random) -> dict[str, bytes]:
-    """A cell that is no number, of which a row may then have another count."""
+    """Return tables with a cell that is not a number, which may change the number of cells in a row."""
     tables = {"nodes": NODES, "elements": "start,end,id,prestress,area\n1,2,100,1e5,1e-3\n2,3,101,1e5,1e-3\n"}
     name = pick.choice(list(tables))
     rows = [line.split(",") for line in tables[name].splitlines()]
@@ -175,7 +175,7 @@ def wrong_cell(pick: random.Random) -> dict[str, bytes]:
 
 
 def damaged(pick: random.Random) -> dict[str, bytes]:
-    """A job cut off within its required part, with a byte that is no text, or binary; a table likewise."""
+    """Return a job or a table that is truncated, contains a byte that is no text, or is binary."""
     files = with_tables(NODES, ELEMENTS)
     name = pick.choice(list(files))
     text = files[name]
@@ -191,7 +191,7 @@ def damaged(pick: random.Random) -> dict[str, bytes]:
 
 
 def make_case(pick: random.Random) -> tuple[dict[str, bytes | None], str]:
-    """Files, None where there is none of a name, and what the answer must name."""
+    """Return files (None: absent) and a name that the answer must contain."""
     every = [(section, key) for section, keys in TABLES.items() for key in keys]
     needed = [(section, key.name) for section, key in every if key.required and section in JOB]
     needed += [
@@ -222,7 +222,7 @@ def make_case(pick: random.Random) -> tuple[dict[str, bytes | None], str]:
 
 
 def answer(arguments: list[str]) -> tuple[object, str]:
-    """Exit code and standard error of a netfall command in this process."""
+    """Return exit code and standard error of a netfall command in this process."""
     error = io.StringIO()
     sys.argv = ["netfall", *arguments]
     os._exit = sys.exit  # an unexpected error on one rank is to be seen here
@@ -236,29 +236,29 @@ def answer(arguments: list[str]) -> tuple[object, str]:
 
 
 def complaints(folder: Path, files: dict, name: str, codes: list, errors: list[str]) -> list[str]:
-    """What is wrong with netfall's answer to a case."""
-    found = []
+    """Return the faults of netfall's answer to a case."""
+    faults = []
     lines = errors[0].splitlines()
     if set(codes) != {2}:
-        found.append(f"exit codes {codes}")
+        faults.append(f"exit codes {codes}")
     if not lines or any(errors[1:]):
-        found.append("rank 0 alone must speak")
+        faults.append("rank 0 alone must speak")
     # what follows the path is to be in one line, free of control characters
-    found += [
+    faults += [
         f"not a message of its own: {line!r}"
         for line in lines
         if not line.startswith(f"error: {folder}") or re.search(r"[\x00-\x1f]|Traceback|Error:", line)
     ]
     if name and name not in errors[0]:
-        found.append(f"does not name {name}")
+        faults.append(f"does not name {name}")
     left = {p.name for p in folder.iterdir()} - set(files)
     if left:
-        found.append(f"left {left}")
-    return found
+        faults.append(f"left {left}")
+    return faults
 
 
 def main(cases: int) -> None:
-    """Run so many cases on all ranks; exit code 1 if any is answered wrong."""
+    """Run a number of cases on all ranks; the exit code is 1 if an answer is wrong."""
     comm, pick, wrong = MPI.COMM_WORLD, random.Random(1), 0
     top = Path(comm.bcast(tempfile.mkdtemp(prefix="netfall-bad-") if comm.rank == 0 else None))
     for number in range(cases):

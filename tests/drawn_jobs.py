@@ -1,7 +1,7 @@
-"""Jobs drawn by hypothesis: small nets that yield, go slack and are torn within a hundred steps.
+"""Jobs drawn by hypothesis: small nets that yield, go slack and break within a hundred steps.
 
-A scene says what a job has; everything else (topology, tables, loads, wind, losses, output) is drawn within
-it. Every key of a job file stands in some of them (test_random_nets.py looks).
+A scene says what a job has. Everything else (topology, tables, loads, wind, removals, output) is drawn
+within it. Every key of a job file occurs in some jobs; test_random_nets.py checks this.
 """
 
 from dataclasses import dataclass, field
@@ -52,7 +52,7 @@ OTHER = dict.fromkeys(FLAGS, True) | {"fragments": False, "wind": "taps"}
 
 @dataclass
 class DrawnJob:
-    """A job as nested dicts, its tables by file name, its scene; how it is stopped and taken up again."""
+    """A job as nested dicts, its tables by file name, its scene; how it is stopped and resumed."""
 
     job: dict
     tables: dict[str, str]
@@ -62,7 +62,7 @@ class DrawnJob:
 
     @property
     def text(self) -> str:
-        """The job file."""
+        """Return the text of the job file."""
         return toml_text(self.job)
 
 
@@ -76,14 +76,14 @@ class DrawnNet:
     roof: bool
     square: bool = False  # of the grid alone
     panels: bool = True  # whether the areas of nodes are those of the faces
-    tails: int = 0  # nodes at the end that hang beside it
+    tails: int = 0  # last nodes, which hang outside the grid
     names: list = field(default_factory=list)  # ids of nodes, ids of elements
     ids: list = field(default_factory=list)
     groups: list = field(default_factory=list)
 
 
 def chance(draw, one_in: int = 2) -> bool:
-    """True once in so many; simplest is False."""
+    """Draw True once in a number of times; the simplest value is False."""
     return draw(st.integers(0, one_in - 1)) == one_in - 1
 
 
@@ -91,7 +91,7 @@ def chance(draw, one_in: int = 2) -> bool:
 
 
 def draw_net(draw, scene: dict, rng) -> DrawnNet:
-    """A net whose rows are in no order."""
+    """Draw a net whose table rows are in random order."""
     kind = draw(st.sampled_from(list(NETS)))
     points, pairs, held = NETS[kind](rng)
     net = DrawnNet(points, pairs, held, kind in WITH_FACES, square=kind == "grid")
@@ -112,7 +112,7 @@ def draw_net(draw, scene: dict, rng) -> DrawnNet:
 
 
 def node_columns(draw, scene: dict, net: DrawnNet, rng) -> dict:
-    """Columns of nodes.csv: supports, springs, loads, masses, areas, normals, zones."""
+    """Draw the columns of nodes.csv: supports, springs, loads, masses, areas, normals, zones."""
     n, held = len(net.points), net.held
     each = lambda name, values: {f"{name}_{k}": map(number, c) for k, c in zip("xyz", values.T)}
     columns = {"id": net.names} | {k: map(number, c) for k, c in zip("xyz", net.points.T)}
@@ -152,7 +152,7 @@ def node_columns(draw, scene: dict, net: DrawnNet, rng) -> dict:
 
 
 def element_columns(draw, scene: dict, net: DrawnNet, rng, form: dict | None, types: bool) -> dict:
-    """Columns of elements.csv. form : [form_finding], types : whether there is a catalogue"""
+    """Draw the columns of elements.csv. form : [form_finding], types : whether there is a catalogue"""
     m = len(net.pairs)
     names = np.array(net.names)
     length = np.linalg.norm(net.points[net.pairs[:, 1]] - net.points[net.pairs[:, 0]], axis=1)
@@ -191,7 +191,7 @@ def element_columns(draw, scene: dict, net: DrawnNet, rng, form: dict | None, ty
 
 
 def draw_cables(draw, scene: dict, tables: dict) -> dict:
-    """[cable] and its groups, in one of the ways to give a section."""
+    """Draw [cable] and its groups, with one of the ways to give a section."""
     kind = draw(st.sampled_from(("modulus", "stiffness", "type")))
     own = {
         "modulus": {"modulus": MODULUS, "area": AREA, "density": DENSITY},
@@ -236,7 +236,7 @@ def draw_cables(draw, scene: dict, tables: dict) -> dict:
 
 
 def draw_load(draw, scene: dict, rng, zones: list) -> dict:
-    """[load]: small where it has to be carried at rest."""
+    """Draw [load]: small loads if there are equilibria."""
     load = {"self_weight": chance(draw), "tolerance": 1e-3, "max_iterations": 3000 if scene["rests"] else 200}
     if chance(draw):
         load["dead"] = float(rng.uniform(2.0, 10.0))
@@ -263,13 +263,13 @@ def draw_load(draw, scene: dict, rng, zones: list) -> dict:
 
 
 def draw_roof(draw, net: DrawnNet, tables: dict) -> dict | None:
-    """[roof]: all groups by name; with an opening, a line across a cell, or a table of faces."""
+    """Draw [roof]: all groups by name; with an opening, a line across a cell, or a table of faces."""
     roof = {}
     beside = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * SPACING
-    near = lambda place: int(np.argmin(np.sum((net.points[:, :2] - place) ** 2, axis=1)))
+    nearest = lambda place: int(np.argmin(np.sum((net.points[:, :2] - place) ** 2, axis=1)))
     if net.square and chance(draw):
-        corners = [near(net.points[0, :2] + by) for by in beside] + [
-            near(net.points[-1 - net.tails, :2] - by) for by in beside
+        corners = [nearest(net.points[0, :2] + by) for by in beside] + [
+            nearest(net.points[-1 - net.tails, :2] - by) for by in beside
         ]
         tables["faces.csv"] = table(
             {"face": ["0"] * 4 + ["1"] * 4, "node": [str(net.names[p]) for p in corners]}
@@ -280,14 +280,14 @@ def draw_roof(draw, net: DrawnNet, tables: dict) -> dict | None:
     if net.square and chance(draw):
         roof["openings"] = [[float(c) + 0.45 * SPACING for c in net.points[0, :2]]]
     elif net.square and chance(draw):
-        across = [near(net.points[-1, :2] - beside[k]) for k in (1, 3)]
+        across = [nearest(net.points[-1, :2] - beside[k]) for k in (1, 3)]
         tables["lines.csv"] = table({k: [str(net.names[p])] for k, p in zip(("start", "end"), across)})
         roof["lines"] = "lines.csv"
     return roof or None
 
 
 def draw_wind(draw, scene: dict, net: DrawnNet, rng, duration: float, zones: list, tables: dict) -> dict:
-    """[wind]: a storm that acts at once, or a breeze in which the roof rests first."""
+    """Draw [wind]: a storm that acts at once, or a breeze whose mean has an equilibrium."""
     kind, storm = scene["wind"], scene["fracture"] or not scene["rests"] or chance(draw)
     speed = float(rng.uniform(30.0, 50.0) if storm else rng.uniform(4.0, 9.0))
     wind = {"onset": "sudden" if storm else "static"}
@@ -325,7 +325,7 @@ def draw_wind(draw, scene: dict, net: DrawnNet, rng, duration: float, zones: lis
         wind |= {"seed": draw(st.integers(0, 999)), "air_density": 1.2}
         wind["gust_field"] = ("point", "area_mean")[wind["seed"] % 2]
         wind["spectrum"] = draw(st.sampled_from(("davenport", "kaimal", "von_karman", "en1991")))
-        wind["gust_length"] = 60.0  # m; what is longer lasts too many of these samples
+        wind["gust_length"] = 60.0  # m; a longer one lasts too many samples
         if chance(draw):
             wind["coherence_decay"] = [6.0, 12.0, 9.0]
     elif kind == "table":
@@ -344,7 +344,7 @@ def draw_wind(draw, scene: dict, net: DrawnNet, rng, duration: float, zones: lis
 
 
 def coefficients(draw, wind: dict, rng, zones: list, tables: dict) -> None:
-    """Shape coefficients of the roof and of zones, or both by the direction."""
+    """Draw pressure coefficients of the roof and of zones, or both by the wind direction."""
     if chance(draw, 3):
         of = ["pressure_coefficient", *zones[:1]]
         rows = [[direction, *rng.uniform(-2.0, -0.5, len(of))] for direction in (0.0, 90.0, 200.0)]
@@ -358,7 +358,7 @@ def coefficients(draw, wind: dict, rng, zones: list, tables: dict) -> None:
 
 
 def draw_losses(draw, scene: dict, net: DrawnNet, columns: dict, rng, duration: float) -> list:
-    """[[remove]]: elements, and a group or a piece of cable where there is one."""
+    """Draw [[remove]]: elements, and a group or a cable if there is one."""
     chosen = rng.choice(len(net.ids), 2, replace=False)
     when = lambda: float(rng.uniform(0.1, 0.6) * duration)
     fade = lambda: float(rng.uniform(0.05, 0.4) * duration)
@@ -376,7 +376,7 @@ def draw_losses(draw, scene: dict, net: DrawnNet, columns: dict, rng, duration: 
 
 
 def draw_motion(draw, net: DrawnNet, scene: dict, nodes: dict, rng, duration: float, tables: dict) -> list:
-    """[[motion]]: an end settles while all are shaken by one component, at once or by a wave."""
+    """Draw [[motion]]: one end settles while one component shakes all supports, at once or as a wave."""
     held = net.held & ~sprung_nodes(net, scene, nodes)
     ids = np.array(net.names)[held].tolist()
     if not ids:
@@ -403,7 +403,7 @@ def draw_motion(draw, net: DrawnNet, scene: dict, nodes: dict, rng, duration: fl
 
 
 def sprung_nodes(net: DrawnNet, scene: dict, nodes: dict) -> np.ndarray:
-    """(n,) bool, of the columns of nodes.csv."""
+    """Return which nodes (n,) the columns of nodes.csv put on springs."""
     if not scene["springs"]:
         return np.zeros(len(net.points), bool)
     nodes |= {f"spring_{k}": list(nodes[f"spring_{k}"]) for k in "xyz"}
@@ -411,7 +411,7 @@ def sprung_nodes(net: DrawnNet, scene: dict, nodes: dict) -> np.ndarray:
 
 
 def draw_zones(draw, net: DrawnNet, nodes: dict) -> tuple[list, list]:
-    """[[zone]] entries, and the names of all zones."""
+    """Draw [[zone]] entries; return them and the names of all zones."""
     entries, names = [], ["own"] if "zone" in nodes else []
     if chance(draw):
         low, middle, high = net.points[:, :2].min(0), np.median(net.points[:, 0]), net.points[:, :2].max(0)
@@ -425,7 +425,7 @@ def draw_zones(draw, net: DrawnNet, nodes: dict) -> tuple[list, list]:
 
 
 def draw_output(draw, scene: dict, net: DrawnNet, rng, duration: float) -> dict:
-    """[output]: rows and frames that divide the duration and that do not."""
+    """Draw [output]: rows and frames that divide the duration, or not."""
     keys = {
         "frames": draw(st.integers(1, 9)),
         "history_interval": duration / draw(st.sampled_from((5.0, 8.3, 20.0))),
@@ -441,7 +441,7 @@ def draw_output(draw, scene: dict, net: DrawnNet, rng, duration: float) -> dict:
 
 @st.composite
 def jobs(draw, scenes=SCENES) -> DrawnJob:
-    """A job of one of the scenes."""
+    """Draw a job of one of the scenes."""
     scene = draw(scenes)
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     net, tables = draw_net(draw, scene, rng), {}
@@ -490,7 +490,7 @@ def jobs(draw, scenes=SCENES) -> DrawnJob:
 
 
 def draw_dynamics(draw, scene: dict, dt: float, duration: float) -> dict:
-    """[dynamics]."""
+    """Draw [dynamics]."""
     keys = {
         "duration": duration,
         "time_step": "auto" if chance(draw, 4) else dt,

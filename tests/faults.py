@@ -2,12 +2,11 @@
 
     python tests/faults.py [--only NAME]... [--part PART]... [--table] [--fresh]
 
-faults.toml holds the faults: an exact edit of one file of the program each, and what it means; and for each
-part of the program the tests of its quick set, the likely finder first. Source and tests are copied, one
-fault at a time is put in, and its quick set runs until the first failure, some seconds of a processor: the
-kernels run as plain Python (tests/uncompiled), for the compiler would take longer than the tests. What came
-of it goes to a journal beside the copy, so that a run that was killed goes on where it was; a row counts as
-long as the fault, its file and the names of its tests are the same. --table prints a table of it.
+faults.toml contains the faults, each an exact edit of one file and its meaning, and the quick set of tests of
+each part of the program, the likely finder first. The command copies source and tests and applies one fault
+at a time. Its quick set runs in plain Python (tests/uncompiled) until the first failure, because compilation
+would take longer. Each result goes to a journal next to the copy, from which a killed run resumes. A row is
+valid while the fault, its file and the names of its tests are unchanged. --table prints a table.
 """
 
 import argparse
@@ -29,13 +28,13 @@ PLACE = Path(tempfile.gettempdir()) / f"netfall-faults-{ROOT.name}"
 TREE, JOURNAL = PLACE / "tree", PLACE / "journal.jsonl"
 COPIED = ("src", "tests", "jobs", "partitions", "pyproject.toml", "README.md", "CHANGELOG.md", "CITATION.cff")
 LIMIT = 90  # CPU s of a quick set
-LONGEST = 600  # s, whatever the processor does besides; a fault may make a run wait for ever
+LONGEST = 600  # s, also on a busy processor; a fault may make a run wait for ever
 LOADED = ("numba", "numpy", "h5py", "shapely", "scipy.sparse", "pytest", "_pytest.assertion.rewrite")
 
 
 @dataclass(frozen=True)
 class Fault:
-    """An edit: `old`, which stands once in src/netfall/`file`, becomes `new`; tests : the quick set."""
+    """An edit: `old`, which occurs once in src/netfall/`file`, becomes `new`; tests : the quick set."""
 
     name: str
     part: str
@@ -47,7 +46,7 @@ class Fault:
     explained: str = ""  # why no test finds it
 
     def edited(self, source: Path) -> str:
-        """The file's text with the fault in it. Raises ValueError unless the old text stands there once."""
+        """Return the file's text with the fault. Raises ValueError unless the old text occurs once."""
         text = (source / "netfall" / self.file).read_text()
         count = text.count(self.old)
         if count != 1:
@@ -57,24 +56,24 @@ class Fault:
         return text.replace(self.old, self.new)
 
     def key(self, root: Path) -> str:
-        """Changes with the fault, its file and the names of its tests."""
+        """Return a key of the fault, its file and the names of its tests."""
         return hashlib.sha256("\0".join([self.edited(root / "src"), *self.tests]).encode()).hexdigest()[:16]
 
 
 def read_faults() -> list[Fault]:
-    """The faults, each with its quick set: tests of its own first, then those of its part."""
+    """Return the faults, each with its quick set: tests of its own first, then those of its part."""
     data = tomllib.loads((ROOT / "tests" / "faults.toml").read_text())
-    found = []
+    faults = []
     for row in data["fault"]:
         row = dict(row)
         first = row.pop("first", [])
         tests = [*first, *(test for test in data["quick"][row["part"]] if test not in first)]
-        found.append(Fault(**row, tests=tuple(tests)))
-    return found
+        faults.append(Fault(**row, tests=tuple(tests)))
+    return faults
 
 
 def fresh_copy() -> None:
-    """Source and tests in a folder of their own."""
+    """Copy source and tests to a separate folder."""
     for name in COPIED:
         source, target = ROOT / name, TREE / name
         if source.is_dir():
@@ -88,7 +87,7 @@ def fresh_copy() -> None:
 
 
 def run_tests(tests: list[str], longest: float = LONGEST) -> dict:
-    """The quick set in the copy: which test failed first, "" if none, and how long it took."""
+    """Run a quick set in the copy; return the first failed test ("" if none failed) and the duration."""
     before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
     output = PLACE / "output.txt"
     child = os.fork()
@@ -112,7 +111,7 @@ def run_tests(tests: list[str], longest: float = LONGEST) -> dict:
 
 
 def in_the_copy(tests: list[str], output: Path) -> int:
-    """pytest's exit code, in a process that this one was copied to: what it has loaded need not be again."""
+    """Return pytest's exit code in a fork of this process, which need not load its modules again."""
     os.setsid()
     file = os.open(output, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(file, 1)
@@ -124,12 +123,12 @@ def in_the_copy(tests: list[str], output: Path) -> int:
     importlib.import_module("sitecustomize")
     import pytest
 
-    asked = ["-x", "-q", "-rfE", "-n", "0", "-p", "no:cacheprovider", "--tb=line"]
-    return int(pytest.main([*asked, *(f"tests/{test}" for test in tests)]))
+    options = ["-x", "-q", "-rfE", "-n", "0", "-p", "no:cacheprovider", "--tb=line"]
+    return int(pytest.main([*options, *(f"tests/{test}" for test in tests)]))
 
 
 def failed_in(output: Path, code: int | None) -> str:
-    """The first test that failed, in pytest's own words, "" if none did. code : None, it had to be ended"""
+    """Return the first failed test as pytest names it, "" if none failed. code : None if it was stopped"""
     if code in (0, None):
         return "" if code == 0 else "waits for ever"
     if code == 4:
@@ -140,18 +139,18 @@ def failed_in(output: Path, code: int | None) -> str:
 
 
 def try_fault(fault: Fault) -> dict:
-    """Put a fault in, run its quick set, and take it out again."""
+    """Apply a fault, run its quick set, and restore the file."""
     path = TREE / "src" / "netfall" / fault.file
-    kept = path.read_text()
+    original = path.read_text()
     try:
         path.write_text(fault.edited(TREE / "src"))
         return run_tests(list(fault.tests))
     finally:
-        path.write_text(kept)
+        path.write_text(original)
 
 
 def rows_so_far() -> dict[str, dict]:
-    """What the journal knows, by key."""
+    """Return the rows of the journal by key."""
     if not JOURNAL.exists():
         return {}
     lines = [line for line in JOURNAL.read_text().splitlines() if line.endswith("}")]
@@ -159,14 +158,14 @@ def rows_so_far() -> dict[str, dict]:
 
 
 def known_of(faults: list[Fault], rows: dict[str, dict]) -> tuple[list[tuple[Fault, dict]], str]:
-    """The faults that rows tell of, with these, and a line on the totals."""
+    """Return the rows of these faults, with the faults, and a line of totals."""
     known = [(fault, rows[fault.key(ROOT)]) for fault in faults if fault.key(ROOT) in rows]
-    found, left = sum(bool(row["found"]) for _, row in known), len(faults) - len(known)
-    return known, f"{found} of {len(known)} faults are found by their quick sets; {left} not run."
+    count, left = sum(bool(row["found"]) for _, row in known), len(faults) - len(known)
+    return known, f"{count} of {len(known)} faults are found by their quick sets; {left} not run."
 
 
 def print_table(faults: list[Fault], rows: dict[str, dict]) -> None:
-    """Print what found each fault, as a table."""
+    """Print the finder of each fault as a table."""
     known, total = known_of(faults, rows)
     lines = [
         "# Faults made by hand, and what finds them",
@@ -185,7 +184,7 @@ def print_table(faults: list[Fault], rows: dict[str, dict]) -> None:
 
 
 def options() -> argparse.Namespace:
-    """The command line."""
+    """Read the command line."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--only", action="append", default=[], metavar="NAME", help="faults whose names begin so")
     p.add_argument("--part", action="append", default=[], help="faults of this part of the program")
@@ -197,24 +196,24 @@ def options() -> argparse.Namespace:
 
 
 def main() -> None:
-    """Try what has not been tried, or print the table."""
+    """Try the faults that have no row, or print the table."""
     global TREE, JOURNAL, PLACE
-    asked, faults = options(), read_faults()
-    PLACE = asked.place
+    arguments, faults = options(), read_faults()
+    PLACE = arguments.place
     TREE, JOURNAL = PLACE / "tree", PLACE / "journal.jsonl"
     for fault in faults:
         fault.edited(ROOT / "src")
-    if asked.table:
+    if arguments.table:
         print_table(faults, rows_so_far())
         return
-    if asked.fresh:
+    if arguments.fresh:
         JOURNAL.unlink(missing_ok=True)
     fresh_copy()
     for name in LOADED:
         importlib.import_module(name)
-    chosen = [f for f in faults if not asked.only or f.name.startswith(tuple(asked.only))]
-    chosen = [f for f in chosen if not asked.part or f.part in asked.part]
-    if asked.sound:
+    chosen = [f for f in faults if not arguments.only or f.name.startswith(tuple(arguments.only))]
+    chosen = [f for f in chosen if not arguments.part or f.part in arguments.part]
+    if arguments.sound:
         tests = list(dict.fromkeys(test for fault in chosen for test in fault.tests))
         result = run_tests(tests, 5 * LONGEST)
         print("without a fault:", result, flush=True)

@@ -1,4 +1,4 @@
-"""Compiles the step for a GPU without one, and prints what the compilers say: python gpu_ptx.py FOLDER
+"""Compile the step for a GPU without one, and print the compilers' reports: python gpu_ptx.py FOLDER
 
 A line of JSON for both ways, a net in all blocks or in one: plain products in PTX by their second factor
 (such a product may be contracted with a sum), fused operations, registers of a thread, bytes that spill from
@@ -26,7 +26,7 @@ REALS, WHOLES = types.Array(types.float64, 2, "C"), types.Array(types.int64, 2, 
 
 
 def signature():
-    """Types of the arguments of `kernels.advance`."""
+    """Return the types of the arguments of `kernels.advance`."""
     groups = [
         types.UniTuple(types.Array(kind.dtype, kind.ndim + 1, "C"), len(group))
         for kind, group in layout().groups.items()
@@ -35,7 +35,7 @@ def signature():
 
 
 def registers(ptx: Path) -> tuple[int, int]:
-    """Registers of a thread, and bytes that spill, as ptxas reports them."""
+    """Return the registers of a thread, and bytes that spill, as ptxas reports them."""
     (place,) = find_spec("nvidia.cuda_nvcc").submodule_search_locations
     command = [f"{place}/bin/ptxas", "-c", "-v", "-arch=sm_90", ptx, "-o", ptx.with_suffix(".cubin")]
     report = subprocess.run(command, capture_output=True, text=True, check=True).stderr

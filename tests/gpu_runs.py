@@ -1,4 +1,4 @@
-"""Runs job.toml of folders on the CPU and in numba's simulator of a GPU: python gpu_runs.py HOW FOLDER ...
+"""Run job.toml of folders on the CPU and in numba's simulator of a GPU: python gpu_runs.py HOW FOLDER ...
 
 HOW: alone, each net in all blocks as `netfall run` does; together, a net in each block, as studies do;
 crowded, the same on a device that has memory for one net only.
@@ -30,7 +30,7 @@ NETS_AT_ONCE = 8
 
 
 def run_alone(folder: Path, device: str) -> int:
-    """Exit code of a run on a device, whose result file has the device's name."""
+    """Return the exit code of a run on a device, whose result file has the device's name."""
     path = folder / f"{device}.vtkhdf"
     try:
         run_job(MPI.COMM_SELF, read_job(folder / "job.toml"), path, Progress(False), device=device)
@@ -40,34 +40,34 @@ def run_alone(folder: Path, device: str) -> int:
 
 
 def run_as_sample(folder: Path, device: str, advance=None, gpu=None) -> dict:
-    """Outcomes of a run on a device, whose result file has the device's name."""
+    """Return the outcomes of a run on a device, whose result file has the device's name."""
     read = partial(read_job, folder / "job.toml")
     choose = lambda features: plan_maker(device, features, 1, lambda note: None, gpu, advance)
     path = folder / f"{device}.vtkhdf"
-    found = run_sample(MPI.COMM_SELF, read, path, ResultCache(1), choose_plan=choose)
-    return {name: value for name, value in found.items() if not name.endswith("seconds")}
+    outcomes = run_sample(MPI.COMM_SELF, read, path, ResultCache(1), choose_plan=choose)
+    return {name: value for name, value in outcomes.items() if not name.endswith("seconds")}
 
 
 def run_all_together(folders: list[Path]) -> list[dict]:
-    """Outcomes of runs on a GPU that steps several nets at once; new ones start as others end."""
-    gpu, found, waiting = Gpu(NETS_AT_ONCE), {}, list(folders)
+    """Return outcomes of runs on a GPU that steps several nets at once; new ones start as others end."""
+    gpu, results, waiting = Gpu(NETS_AT_ONCE), {}, list(folders)
 
     def take(_):
         new = [waiting.pop(0) for _ in range(min(len(waiting), NETS_AT_ONCE // 2))]
         tasks = [lambda advance, each=each: (each, run_as_sample(each, "gpu", advance, gpu)) for each in new]
         return tasks or None
 
-    run_together(gpu, take, lambda result, _: found.update([result]))
-    return [found[folder] for folder in folders]
+    run_together(gpu, take, lambda result, _: results.update([result]))
+    return [results[folder] for folder in folders]
 
 
 def leave_memory_for_one_net() -> None:
-    """Let a net take a place only where no other net has one."""
-    take_place, seen = NetArrays.take_place, []
+    """Let a net take a place only if no other net has one."""
+    take_place, nets = NetArrays.take_place, []
 
     def take(arrays: NetArrays, _: float) -> int | None:
-        seen.append(arrays)
-        if all(each.is_empty for each in seen):
+        nets.append(arrays)
+        if all(each.is_empty for each in nets):
             return take_place(arrays, 1.5 * arrays.net_bytes)
         return None
 
@@ -75,7 +75,7 @@ def leave_memory_for_one_net() -> None:
 
 
 def same(a: object, b: object) -> bool:
-    """Whether two outcomes have the same bits."""
+    """Return whether two outcomes have the same bits."""
     return a == b or (a != a and b != b)
 
 

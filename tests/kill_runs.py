@@ -1,9 +1,8 @@
-"""Kill runs at random moments, restart them on other ranks, and compare each final file with the undisturbed.
+"""Kill runs at random moments, restart them on other ranks, and compare the results with an undisturbed run.
 
-A run is killed with SIGKILL: one of its ranks, its mpirun, or all of them at once; at a random moment, mostly
-after some of its checkpoints, with frames and checkpoints written so often that many kills fall into a
-writing. It is then restarted from its newest whole checkpoint (or begun again, if there is none yet) on one
-to four ranks, maybe killed again, and at last left alone.
+SIGKILL ends one rank, mpirun, or all processes at a random moment, mostly after some checkpoints. Frames and
+checkpoints are so frequent that many kills interrupt a write. The run restarts from its newest complete
+checkpoint, or from the start, on one to four ranks. It may be killed again before it finishes.
 """
 
 import contextlib
@@ -35,26 +34,26 @@ probes = [[0.0, 0.0]]
 
 
 def changed(text: str = JOB, **values: float) -> str:
-    """A job with other values of its keys."""
+    """Return the job with other values of its keys."""
     for key, value in values.items():
         text, count = re.subn(rf"^{key} = .*$", f"{key} = {value}", text, flags=re.M)
         assert count == 1, key
     return text
 
 
-HANG = 60.0  # s after which what is left of a killed run counts as hanging
+HANG = 60.0  # s after which processes of a killed run count as hanging
 
 
 def command(folder: Path, ranks: int, restart: Path | None) -> list[str]:
-    """The command line of a run."""
+    """Return the command line of a run."""
     line = [BIN / "mpirun", "-n", ranks, BIN / "netfall", "run", folder / "job.toml"]
     line += ["-o", folder / "result.vtkhdf", "--quiet"]
     return list(map(str, line + (["--restart", restart] if restart else [])))
 
 
 def processes_of(folder: Path) -> list[int]:
-    """Numbers of the running processes whose command line names the folder: mpirun and the ranks."""
-    found = []
+    """Return the running processes whose command line contains the folder: mpirun and the ranks."""
+    processes = []
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit() and int(entry.name) != os.getpid():
             try:
@@ -62,19 +61,19 @@ def processes_of(folder: Path) -> list[int]:
                     str(folder).encode() in (entry / "cmdline").read_bytes()
                     and "Z" not in (entry / "stat").read_text().rsplit(")", 1)[1].split()[0]
                 ):
-                    found.append(int(entry.name))
+                    processes.append(int(entry.name))
             except OSError:
                 continue
-    return found
+    return processes
 
 
 def newest_checkpoint(folder: Path) -> Path | None:
-    """The checkpoint with the largest step."""
+    """Return the checkpoint with the largest step."""
     return max(folder.glob("result.checkpoint-*.h5"), default=None)
 
 
 def kill(folder: Path, process: subprocess.Popen, choice: random.Random) -> str:
-    """Kill one rank, mpirun, or everything; what was killed."""
+    """Kill one rank, mpirun, or all; return which."""
     everything = processes_of(folder)
     ranks = [p for p in everything if p != process.pid]
     what = choice.choice(["rank", "mpirun", "group"])
@@ -98,7 +97,7 @@ def kill(folder: Path, process: subprocess.Popen, choice: random.Random) -> str:
 def wait_for_a_moment(
     folder: Path, process: subprocess.Popen, restart: Path | None, choice: random.Random, longest: float
 ) -> None:
-    """Until any moment of the run (one time in four), or a little after some more checkpoints."""
+    """Wait for a random time (one case in four), or until shortly after some more checkpoints."""
     if choice.random() < 0.25:
         time.sleep(choice.uniform(0.3, longest))
         return
@@ -112,7 +111,7 @@ def wait_for_a_moment(
 
 
 def one_story(folder: Path, choice: random.Random, longest: float, kills_left: int, most_ranks: int) -> int:
-    """Run with one to three kills and restarts until the result is there; the number of kills."""
+    """Run with one to three kills and restarts until there is a result; return the number of kills."""
     done = 0
     wanted = choice.randint(1, min(3, kills_left))
     while True:
@@ -145,7 +144,7 @@ def one_story(folder: Path, choice: random.Random, longest: float, kills_left: i
 def tell_stories(
     top: Path, calm: Path, kills: int, choice: random.Random, longest: float, most_ranks: int
 ) -> int:
-    """Runs until there were enough kills, each with the bits of `calm`, the undisturbed one; how many."""
+    """Repeat runs until there were enough kills; compare each result with `calm`; return their number."""
     done = story = 0
     while done < kills:
         folder = top / f"story{story}"

@@ -1,7 +1,7 @@
-"""Small nets drawn by seed, which have every feature that takes part in a balance of forces, and their loads.
+"""Small nets drawn by seed, with every feature that takes part in a balance of forces, and their loads.
 
-A saddle of cables between supports; beside it a cable over two saddles. The loads are computed here from what
-the job says: areas times pressures, lengths times weights. Nothing of netfall computes them.
+The net is a saddle of cables between supports, and next to it a cable over two saddles. The loads follow from
+the job: areas times pressures, lengths times weights. netfall computes none of them.
 """
 
 from dataclasses import dataclass, field
@@ -26,7 +26,7 @@ SHARE = {"slide": 0.2, "clamps": 0.8, "subdivided": 0.15, "tight": 0.3}  # of th
 
 @dataclass
 class LoadedNet:
-    """A job as nested dicts, its tables, its features; of its nodes and elements what loads follow from.
+    """Job as nested dicts, tables and features of a net, and the properties from which its loads follow.
 
     x : (n, 3) [m]; area : (n,) [m2]; normal : (n, 3); load : (n, 3) [N]; own : (n,) bool, in the zone "own"
     ends : (m, 2); group : (m,)
@@ -45,11 +45,11 @@ class LoadedNet:
 
     @property
     def text(self) -> str:
-        """The job file."""
+        """Return the text of the job file."""
         return toml_text(self.job)
 
     def weights(self, group: np.ndarray) -> np.ndarray:
-        """Weight [N/m] of elements of these groups."""
+        """Return the weight [N/m] of elements of these groups."""
         if "weight" not in self.features:
             return np.zeros(len(group))
         beam = group == "beam"
@@ -57,14 +57,14 @@ class LoadedNet:
         return GRAVITY * section * density
 
     def given(self, key: str, changed: dict) -> tuple:
-        """The value of a key of [load] for the roof, and that of the zone "own"."""
+        """Return the value of a key of [load] for the roof, and that of the zone "own"."""
         load = self.job["load"]
         value = changed.get(f"load.{key}", load.get(key, 0.0))
         own = load.get("zone", {}).get("own", {}).get(key, value)
         return value, changed.get(f"load.zone.own.{key}", own)
 
     def of_roof(self, key: str, changed: dict) -> np.ndarray:
-        """Forces (n, 3) [N] of dead load, snow or pressure, with what a case or stage sets."""
+        """Return forces (n, 3) [N] of dead load, snow or pressure, with the values of a case or stage."""
         force, plan = np.zeros_like(self.x), self.area * np.abs(self.normal[:, 2])
         for value, here in zip(self.given(key, changed), (~self.own, self.own)):
             if key == "dead":
@@ -79,13 +79,13 @@ class LoadedNet:
         return force
 
     def of_wind(self, speed: float, coefficient: float, x: np.ndarray, wind: dict) -> np.ndarray:
-        """Forces (n, 3) [N] of a steady wind on nodes at x (n, 3) [m]."""
+        """Return forces (n, 3) [N] of a steady wind on nodes at x (n, 3) [m]."""
         mean = speed * ((x[:, 2] + wind["base_height"]) / 10.0) ** wind["profile_exponent"]
         pressure = coefficient * 0.5 * AIR * mean**2
         return -(pressure * self.area)[:, None] * self.normal
 
     def of_steady_wind(self, x: np.ndarray) -> np.ndarray:
-        """Forces (n, 3) [N] of [wind], which has no gusts, on nodes at x (n, 3) [m]."""
+        """Return forces (n, 3) [N] of [wind], which has no gusts, on nodes at x (n, 3) [m]."""
         wind = self.job["wind"]
         if "taps" in self.features:
             pressure = float(self.tables["pressures.csv"].splitlines()[1].split(",")[1])
@@ -94,7 +94,7 @@ class LoadedNet:
 
 
 def loaded_net(seed: int) -> LoadedNet:
-    """The net of a seed."""
+    """Return the net of a seed."""
     rng = np.random.default_rng([seed, 64])
     net = LoadedNet({name for name in FEATURES if rng.random() < SHARE.get(name, 0.45)})
     _without_what_excludes(net.features)
@@ -127,7 +127,7 @@ def loaded_net(seed: int) -> LoadedNet:
 
 
 def _without_what_excludes(has: set) -> None:
-    """Leave out features that exclude one another, or have no effect."""
+    """Remove features that exclude one another, or have no effect."""
     if "bending" in has:
         has -= {"form", "targets", "taken_out", "yield", "subdivided"}
     if "slide" in has:
@@ -149,7 +149,7 @@ def _without_what_excludes(has: set) -> None:
 
 
 def _geometry(net: LoadedNet, rng) -> tuple[dict, list[str]]:
-    """Nodes, elements, areas; what `_supports` needs of the nodes, and the prestress of the elements."""
+    """Make nodes, elements, areas, the properties of nodes for `_supports`, and the prestress of elements."""
     a, b = (int(k) for k in rng.integers(4, 6, 2))
     i, j = (rows.ravel() for rows in np.meshgrid(np.arange(a), np.arange(b), indexing="ij"))
     edge = (i == 0) | (i == a - 1) | (j == 0) | (j == b - 1)
@@ -212,7 +212,7 @@ def _geometry(net: LoadedNet, rng) -> tuple[dict, list[str]]:
 
 
 def _supports(net: LoadedNet, nodes: dict, rng) -> None:
-    """Fixed axes, springs and angles, into the dict of the nodes."""
+    """Write fixed axes, springs and angles into the dict of the nodes."""
     n, edge = len(net.x), rng.permutation([p for p in nodes["edge"] if nodes["held"][p]])
     fixed, spring, angle = np.repeat(nodes["held"][:, None], 3, 1), np.zeros((n, 3)), np.zeros(n)
     if "springs" in net.features:
@@ -230,7 +230,7 @@ def _supports(net: LoadedNet, nodes: dict, rng) -> None:
 
 
 def _job(net: LoadedNet, nodes: dict, rng) -> None:
-    """The sections of the job."""
+    """Make the sections of the job."""
     has, between = net.features, lambda low, high: float(rng.uniform(low, high))
     cable = {
         "modulus": MODULUS,
@@ -311,7 +311,7 @@ def _job(net: LoadedNet, nodes: dict, rng) -> None:
 
 
 def _stages(net: LoadedNet, nodes: dict, rng) -> list[dict]:
-    """[[stage]]: lengths, forces, what is there, nodes that are held and moved, loads."""
+    """Make [[stage]]: lengths, forces, active groups, held and moved nodes, loads."""
     has, groups = net.features, sorted(set(net.group))
     first, second, third = ({"name": name} for name in ("one", "two", "three"))
     first["lengths"] = {"x": {"change": float(rng.uniform(-0.004, 0.004))}}
@@ -335,7 +335,7 @@ def _stages(net: LoadedNet, nodes: dict, rng) -> list[dict]:
 
 
 def _cases(net: LoadedNet, nodes: dict, rng) -> None:
-    """[[case]] and [[combination]]."""
+    """Make [[case]] and [[combination]]."""
     has, between = net.features, lambda low, high: float(rng.uniform(low, high))
     cases = [{"name": "snow", "set": {"load.snow": between(50.0, 300.0)}}]
     cases.append({"name": "warm", "set": {"load.temperature": between(-25.0, 25.0)}})
@@ -368,7 +368,7 @@ def _cases(net: LoadedNet, nodes: dict, rng) -> None:
 
 
 def case_load(net: LoadedNet, case: dict, x: np.ndarray) -> np.ndarray:
-    """Forces (n, 3) [N] that a case names, beside the keys of [load]: its wind and its table of pressures."""
+    """Return forces (n, 3) [N] of the wind and of the load table of a case."""
     force, changed = np.zeros_like(net.x), case.get("set", {})
     wind = {key.partition(".")[2]: value for key, value in changed.items() if key.startswith("wind.")}
     if wind:

@@ -145,7 +145,7 @@ def stiffness_of(x, elements, N, axial) -> coo_array:
 
 
 def equilibrium(x, elements, law, fixed, load, tolerance=1e-5) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and tensions of elements with N, dN/dL = law(L), by Newton's method with the exact tangent.
+    """Find positions and tensions with N, dN/dL = law(L) by Newton's method with the exact tangent.
 
     fixed : (n, 3); load : (n, 3) [N]; tolerance : of the largest force that is left [N]
     """

@@ -1,20 +1,18 @@
 """Answers of OpenSees for tests/test_validation_opensees.py: corotational trusses, slack without force.
 
-    python opensees_reference.py CASE.npz ANSWER.npz      by a Python that has openseespy, whichever that is
+    python opensees_reference.py CASE.npz ANSWER.npz      by any Python that has openseespy
 
-The tests write the case, a net as form finding left it, and compare netfall with the answers in
-tests/opensees_reference.npz. Where OpenSees can be had they compute these anew as well. What is stored
-changes only if
+The tests write the case, a form-found net, and compare netfall with the answers in
+tests/opensees_reference.npz. If OpenSees is available they also compute these again. The stored answers are
+those of openseespy 3.7.1.2. Only this command renews them:
 
     NETFALL_OPENSEES=store .venv/bin/python -m pytest tests/test_validation_opensees.py
-
-asks for it. The stored answers are those of openseespy 3.7.1.2.
 
 A case: x (n, 3) [m], fixed (n, 3), elements (m, 2), EA (m,) [N], L0 (m,) [m], mass (n,) [kg]; static (n, 3)
 [N], in ten steps, then sudden (n, 3) [N] at t = 0; damping [1/s], step [s], every: steps between rows, rows:
 of the history, 0: statics alone, fine: steps [s] of the implicit scheme; particles, elements_at: of the
-history; stride: of the particles and elements whose last state is kept; lost, if there: elements that leave
-the net at t = 0.
+history; stride: of the particles and elements whose last state is stored; lost (optional): elements removed
+at t = 0.
 """
 
 import sys
@@ -26,7 +24,7 @@ STATIC_STEPS = 10
 
 
 def make_net(case: dict) -> None:
-    """The net without load, at rest."""
+    """Make the net in equilibrium without load."""
     ops.wipe()
     ops.model("basic", "-ndm", 3, "-ndf", 3)
     for p, (x, held, m) in enumerate(zip(case["x"].tolist(), case["fixed"].tolist(), case["mass"].tolist())):
@@ -48,14 +46,14 @@ def make_net(case: dict) -> None:
 
 
 def add_load(pattern: int, series: int, load) -> None:
-    """Forces (n, 3) [N] on the nodes."""
+    """Apply forces (n, 3) [N] to the nodes."""
     ops.pattern("Plain", pattern, series)
     for p in np.flatnonzero(load.any(1)).tolist():
         ops.load(p, *load[p].tolist())
 
 
 def newton() -> None:
-    """Newton's method to the last digits of the displacements."""
+    """Select Newton's method, to the last digits of the displacements."""
     ops.numberer("RCM")
     ops.system("UmfPack")
     ops.test("NormDispIncr", 1e-12, 50, 0, 0)
@@ -63,18 +61,18 @@ def newton() -> None:
 
 
 def displacements(nodes) -> np.ndarray:
-    """(n, 3) [m]"""
+    """Return the displacements (n, 3) [m]."""
     return np.array([ops.nodeDisp(int(p)) for p in nodes])
 
 
 def tensions(elements) -> np.ndarray:
-    """(m,) [N]; 0 of what was lost"""
-    there = set(ops.getEleTags())
-    return np.array([ops.basicForce(int(e))[0] if int(e) in there else 0.0 for e in elements])
+    """Return the tensions (m,) [N]; 0 for removed elements."""
+    present = set(ops.getEleTags())
+    return np.array([ops.basicForce(int(e))[0] if int(e) in present else 0.0 for e in elements])
 
 
 def find_equilibrium(case: dict) -> None:
-    """Under the static load, which stays."""
+    """Find the equilibrium under the static load, which remains."""
     if not case["static"].any():
         return
     add_load(1, 2, case["static"])
@@ -88,7 +86,7 @@ def find_equilibrium(case: dict) -> None:
 
 
 def history(case: dict, every: int, step: float, first: int) -> tuple[np.ndarray, np.ndarray]:
-    """Displacements (t, p, 3) and tensions (t, k) at every so many steps; first: of them to the first row."""
+    """Return displacements (t, p, 3) and tensions (t, k) at an interval of steps; first: before row 1."""
     d, N = [], []
     for row in range(int(case["rows"])):
         assert ops.analyze(every if row else first, step) == 0
@@ -98,20 +96,20 @@ def history(case: dict, every: int, step: float, first: int) -> tuple[np.ndarray
 
 
 def lose(case: dict) -> np.ndarray:
-    """Forces (n, 3) [N] on the nodes that are gone with the elements that are lost, which it takes out."""
-    gone = np.zeros_like(case["x"])
+    """Remove the lost elements; return their forces (n, 3) [N] on the nodes."""
+    removed = np.zeros_like(case["x"])
     for e in map(int, case.get("lost", ())):
         a, b = case["elements"][e].tolist()
         xa, xb = (case["x"][p] + ops.nodeDisp(p) for p in (a, b))
         pull = ops.basicForce(e)[0] * (xb - xa) / np.linalg.norm(xb - xa)
-        gone[a] -= pull
-        gone[b] += pull
+        removed[a] -= pull
+        removed[b] += pull
         ops.remove("element", e)
-    return gone
+    return removed
 
 
 def central_difference(case: dict) -> tuple[np.ndarray, np.ndarray]:
-    """History by explicit central difference."""
+    """Return the history by explicit central difference."""
     step, damping = float(case["step"]), float(case["damping"])
     make_net(case)
     find_equilibrium(case)
@@ -133,12 +131,12 @@ def central_difference(case: dict) -> tuple[np.ndarray, np.ndarray]:
 
 
 def fourth_order(case: dict, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """History by Newmark's implicit method of fourth order (Fox and Goodwin), gamma = 1/2, beta = 1/12."""
+    """Return the history by Fox and Goodwin's method of fourth order (Newmark: gamma 1/2, beta 1/12)."""
     make_net(case)
     add_load(1, 1, case["sudden"])
     for p, axis in np.argwhere(
         case["fixed"] == 0
-    ).tolist():  # else OpenSees starts without an acceleration, and is of first order
+    ).tolist():  # without it OpenSees starts without acceleration: first order
         ops.setNodeAccel(p, axis + 1, float(case["sudden"][p, axis] / case["mass"][p]), "-commit")
     newton()
     ops.integrator("Newmark", 0.5, 1 / 12)
@@ -148,32 +146,32 @@ def fourth_order(case: dict, step: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def answers(case: dict) -> dict:
-    """Everything that the tests compare."""
+    """Return all values that the tests compare."""
     particles, elements = range(len(case["x"])), range(len(case["elements"]))
-    found = {}
+    results = {}
 
     def keep_state(name: str) -> None:
         d, N = displacements(particles), tensions(elements)
-        found[f"{name}_displacement"], found[f"{name}_tension"] = (
+        results[f"{name}_displacement"], results[f"{name}_tension"] = (
             d[:: int(case["stride"])],
             N[:: int(case["stride"])],
         )
-        found[f"{name}_largest"] = np.array([np.linalg.norm(d, axis=1).max(), N.max()])
-        found[f"{name}_slack"] = np.array((N == 0).sum())
+        results[f"{name}_largest"] = np.array([np.linalg.norm(d, axis=1).max(), N.max()])
+        results[f"{name}_slack"] = np.array((N == 0).sum())
 
     if case["static"].any():
         make_net(case)
         find_equilibrium(case)
         keep_state("static")
     if case["rows"]:
-        found["displacement"], found["tension"] = central_difference(case)
+        results["displacement"], results["tension"] = central_difference(case)
         keep_state("final")
     if len(case["fine"]):
         coarse, fine = (fourth_order(case, float(step)) for step in case["fine"])
         ratio = (case["fine"][0] / case["fine"][1]) ** 4
         for name, a, b in zip(("fine_displacement", "fine_tension"), coarse, fine):
-            found[name] = b + (b - a) / (ratio - 1)  # Richardson
-    return found
+            results[name] = b + (b - a) / (ratio - 1)  # Richardson
+    return results
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""Runs a model that `netfall export` wrote as Tcl, by a Python that has openseespy:
+"""Run a model that `netfall export` wrote as Tcl, by a Python that has openseespy:
 
     python opensees_tcl.py MODEL.tcl ANSWER.npz
 
-openseespy has the commands of OpenSees, but no Tcl. The model is one command a line up to its results, so its
-words are handed on as they stand. The answer: element, tension [N]; node, displacement [m].
+openseespy has the commands of OpenSees, but no Tcl. Each line of the model, up to its results, is one command
+whose words become arguments. The answer: element, tension [N]; node, displacement [m].
 """
 
 import sys
@@ -13,7 +13,7 @@ import openseespy.opensees as ops
 
 
 def number(word: str):
-    """A word of Tcl as openseespy wants it."""
+    """Return a word of Tcl as openseespy needs it."""
     for kind in (int, float):
         try:
             return kind(word)

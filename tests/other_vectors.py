@@ -1,4 +1,4 @@
-"""netfall with vectors of another width and chunks of another size, in a process and a cache of its own."""
+"""netfall with vectors of another width and chunks of another size, in a separate process and cache."""
 
 import sys
 
@@ -18,5 +18,5 @@ from netfall.__main__ import main
 
 
 def python_with(lanes: int, chunk: int, text: str = "main()") -> list[str]:
-    """The start of a command line that runs a text, netfall by default, after the choice of both."""
+    """Return the start of a command line that runs a text, netfall by default, after the choice of both."""
     return [sys.executable, "-c", SETTING.format(lanes=lanes, chunk=chunk) + text]

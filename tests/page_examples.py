@@ -69,11 +69,11 @@ class Command:
 
 def blocks(text: str) -> list[Block]:
     """Return the code blocks of a page."""
-    found, block = [], None
+    result, block = [], None
     for number, line in enumerate(text.splitlines()):
         fence = FENCE.match(line)
         if block and fence and not fence[2]:
-            found.append(block)
+            result.append(block)
             block = None
         elif block:
             block.lines.append(line[block.indent :] if line[: block.indent].isspace() else line)
@@ -82,26 +82,26 @@ def blocks(text: str) -> list[Block]:
             block = Block(number + 1, len(fence[1]), fence[2], title[1] if title else "", [])
     if block:
         raise BlockError(f"line {block.line}: the code block has no end")
-    return found
+    return result
 
 
 def commands(block: Block) -> list[Command]:
     """Return the commands of a console block."""
-    found: list[Command] = []
+    result: list[Command] = []
     for number, line in enumerate(block.lines, block.line + 1):
         if line.startswith("$ "):
-            found.append(Command(number, line[2:]))
-        elif not found:
+            result.append(Command(number, line[2:]))
+        elif not result:
             raise BlockError(f'line {number}: {line!r}; a console block begins with "$ COMMAND"')
-        elif line.startswith("> ") and not found[-1].expected:
-            found[-1].text += "\n" + line[2:]
-            found[-1].line = number
+        elif line.startswith("> ") and not result[-1].expected:
+            result[-1].text += "\n" + line[2:]
+            result[-1].line = number
         else:
-            found[-1].expected.append(line.rstrip())
-    for command in found:
+            result[-1].expected.append(line.rstrip())
+    for command in result:
         while command.expected and not command.expected[-1]:  # an empty line before the next command
             command.expected.pop()
-    return found
+    return result
 
 
 def is_match(expected: str, line: str) -> bool:
@@ -172,14 +172,14 @@ def environment() -> dict[str, str]:
 
 @functools.cache
 def standing() -> StandingRanks:
-    """Return the process that stays, so that few commands pay for a start of netfall."""
+    """Return the process that persists, so that few commands need a start of netfall."""
     ranks = StandingRanks([sys.executable], environment())
     atexit.register(ranks.stop)
     return ranks
 
 
 def run_line(line: str, folder: Path, given: str = "") -> subprocess.CompletedProcess:
-    """Run a line of a page with `given` as its input; its output has what it says of errors too."""
+    """Run a line of a page with `given` as its input; its output includes standard error."""
     netfall, pipe, rest = line.partition(" | ")
     if PLAIN_NETFALL.fullmatch(netfall):
         words = shlex.split(netfall)[1:]
@@ -235,11 +235,11 @@ def run_page(page: Path, folder: Path, write: bool = False) -> list[str]:
                 raise BlockError(
                     f"line {block.line}: no language {block.kind!r} (see tests/page_examples.py)"
                 )
-            found = commands(block) if block.kind == "console" else []
+            runs = commands(block) if block.kind == "console" else []
         except BlockError as error:
             faults.append(f"{page.name}: {error}")
             continue
-        for command in found:
+        for command in runs:
             place = f"{page.name}: line {command.line}: {command.text}"
             try:
                 output = run_command(command, folder)
@@ -265,14 +265,14 @@ def main(arguments: list[str]) -> int:
     faults = []
     for page in pages:
         with tempfile.TemporaryDirectory() as folder:
-            found = run_page(page, Path(folder), "--write" in arguments)
+            lines = run_page(page, Path(folder), "--write" in arguments)
         skipped = [
             f"{block.kind or 'plain'} (line {block.line})"
             for block in blocks(page.read_text())
             if block.kind in NOT_RUN
         ]
-        print(f"{page}: {len(found)} faults" + (f"; not run: {', '.join(skipped)}" if skipped else ""))
-        faults += found
+        print(f"{page}: {len(lines)} faults" + (f"; not run: {', '.join(skipped)}" if skipped else ""))
+        faults += lines
     print(*faults, sep="\n")
     return len(faults)
 

@@ -1,6 +1,6 @@
 """Write the parts of the pages that are generated from the program.
 
-.venv/bin/python tests/pages.py          writes them anew
+.venv/bin/python tests/pages.py          writes them again
 .venv/bin/python tests/pages.py --map    prints a map of the code, from the first sentence of each file
 """
 
@@ -30,13 +30,13 @@ detail.
 
 
 def first_sentence(path: Path) -> str:
-    """The first sentence of a module's docstring, on one line."""
+    """Return the first sentence of a module's docstring, on one line."""
     text = " ".join((ast.get_docstring(ast.parse(path.read_text())) or "").split("\n\n")[0].split())
     return re.split(r"(?<=[.:;]) (?=[A-Z])", text)[0].rstrip(".:")
 
 
 def code_map() -> str:
-    """A page of all files."""
+    """Return a page of all files."""
     parts = [HEAD]
     for room in PACKAGES:
         files = sorted(path for path in (PACKAGE / room).glob("*.py") if path.name != "__init__.py")

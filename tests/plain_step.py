@@ -1,7 +1,6 @@
 """The dynamic stage, particle by particle, from the equations of docs/pages/explanation/model.md.
 
-It shares no line with the program: no slots, no runs, no chunks, no halo. What a step does
-is read off here; test_manufactured.py compares.
+It shares no line with the program and has none of its data structures. test_manufactured.py compares both.
 """
 
 from dataclasses import dataclass, field
@@ -19,10 +18,10 @@ class Plain:
     growing : (n, 3) [N], in full after `ramp` [s]; wind : (n, 3) [N] at 1 m/s; spring : (n, 3) [N/m]
     speed : (t, 2) times [s] and speeds [m/s]
     ends, L0, EA, limit, eps_u, half, bar : of the elements; half : [kg], half of their own mass
-    zeta : [1/s]; stable_dt : [s], for which what breaks off is made heavy enough
-    after : what becomes of the wind, as after_fracture; weighs : whether elements weigh anything
-    fragments : whether a particle splits off; else an element is taken out
-    drag : (n,) [kg/m] rho A / 2, of what is cut free with after = "detached", looked for every 0.01 s
+    zeta : [1/s]; stable_dt : [s], for which the mass of fragments is sufficient
+    after : effect of a fracture on the wind, as after_fracture; weighs : whether elements have weight
+    fragments : whether a particle splits at a fracture; otherwise the element is removed
+    drag : (n,) [kg/m] rho A / 2, of detached parts with after = "detached", checked every 0.01 s
     """
 
     x: np.ndarray
@@ -64,7 +63,7 @@ class Plain:
         return L / self.L0 - 1.0, d / L[:, None]
 
     def axial(self, eps):
-        """Forces and new plastic strains."""
+        """Compute axial forces and new plastic strains."""
         N = self.EA * (eps - self.eps_p)
         lowest = np.where(self.bar, -self.limit, 0.0)
         held = np.clip(N, lowest, self.limit)
@@ -72,7 +71,7 @@ class Plain:
         return held, np.where(yields, self.eps_p + (N - held) / np.maximum(self.EA, 1.0), self.eps_p)
 
     def cut_free(self):
-        """Particles that no walk along unbroken elements reaches from a vertical support lose the wind."""
+        """Remove the wind from particles that unbroken elements connect to no vertical support."""
         reached = set(np.flatnonzero(~self.free[:, 2] | (self.spring[:, 2] > 0.0)).tolist())
         pairs = self.ends[~self.broken].tolist()
         while more := {p for pair in pairs for p in pair if reached & set(pair)} - reached:
@@ -81,7 +80,7 @@ class Plain:
         self.wind[self.loose] = 0.0
 
     def forces(self, time, dt):
-        """External and internal forces in a kick of dt, strains; what yields does."""
+        """Compute external and internal forces in an update of dt, and strains. Elements yield here."""
         eps, direction = self.strains()
         N, eps_p = self.axial(eps)
         flow = np.abs(eps_p - self.eps_p)
@@ -100,13 +99,13 @@ class Plain:
         return external, internal, eps
 
     def kick(self, dt, external, internal):
-        """Velocities after a kick of dt."""
+        """Return the velocities after an update of dt."""
         h = 0.5 * self.zeta * dt
         new = ((1 - h) * self.v + dt * (external + internal) / self.mass[:, None]) / (1 + h)
         return np.where(self.free, new, 0.0)
 
     def run(self, dt, steps):
-        """So many steps, the first kick a half."""
+        """Advance by a number of steps; the first velocity update is a half one."""
         self.dt, self.slack = dt, []
         for n in range(steps):
             if n % 10 == 0:
@@ -128,7 +127,7 @@ class Plain:
         self.note_slack()
 
     def note_slack(self):
-        """Cables that are whole and slack now."""
+        """Record cables that are unbroken and slack."""
         self.slack.append((self.axial(self.strains()[0])[0] == 0.0) & ~self.bar & ~self.broken)
 
     def split(self, elements, n, force):
@@ -165,7 +164,7 @@ class Plain:
             self.events.append((n, e, p if p < self.n else self.id[p], number, mass))
 
     def lengthen(self, elements):
-        """Lengthen what is left of elements to a hair above their strain at fracture; the rest is heat."""
+        """Lengthen remainders to just above their strain at fracture; their other energy is heat."""
         for e in elements:
             a, b = self.ends[e]
             d, v = self.x[b] - self.x[a], self.v[b] - self.v[a]
@@ -176,7 +175,7 @@ class Plain:
             self.heat[e] += stored[0] - stored[1]
 
     def take_out(self, e, p, n):
-        """Take out element e, broken at p: its mass stays, what it stored half a drift ago is heat."""
+        """Remove element e, broken at p: its mass stays, its energy half a position update ago is heat."""
         a, b = self.ends[e]
         L = np.linalg.norm(self.x[b] - self.x[a] - 0.5 * self.dt * (self.v[b] - self.v[a]))
         trial = self.EA[e] * (L / self.L0[e] - 1.0 - self.eps_p[e])
@@ -186,7 +185,7 @@ class Plain:
         self.events.append((n, e, p, -1, 0.0))
 
     def energies(self, dt, time):
-        """Kinetic, strain, dissipated, damping and external energy [J] at x(n), halfway through the kick."""
+        """Return kinetic, strain, dissipated, damping and external energy [J] at x(n), amid the update."""
         heat, eps_p = self.heat.copy(), self.eps_p.copy()
         external, internal, eps = self.forces(time, dt)
         N, new = self.axial(eps)

@@ -1,13 +1,13 @@
-"""The digest of each shipped job's result, and runs of them as other processors would do them.
+"""Digests of the results of shipped jobs, and runs of them with the instructions of other processors.
 
     .venv/bin/python tests/processors.py                  as here; compare with digests.toml
     .venv/bin/python tests/processors.py --like all       as others too: each of LIKE, and all of them at once
     .venv/bin/python tests/processors.py --only stadium --ranks 3
-    .venv/bin/python tests/processors.py --write          after a change of bits that is meant
+    .venv/bin/python tests/processors.py --write          after an intended change of bits
 
-A digest covers the names, types, shapes and bytes of all datasets and attributes but those of /provenance,
-and of /modes, whose vectors LAPACK and ARPACK find. Variables of numpy, OpenBLAS, the C library and the
-compiler make them choose as they would on another processor. The exit code is 1 if a digest differs.
+A digest covers the names, types, shapes and bytes of all datasets and attributes except /provenance, and
+/modes, whose vectors LAPACK and ARPACK find. Variables of numpy, OpenBLAS, the C library and the compiler
+select the instructions of another processor. The exit code is 1 if a digest differs.
 """
 
 import argparse
@@ -46,7 +46,7 @@ TOGETHER = {key: value for name in reversed(LIKE) for key, value in LIKE[name].i
 
 
 def digest(result: Path) -> str:
-    """Of a result file."""
+    """Return the digest of a result file."""
     sha = hashlib.sha256()
     with h5py.File(result, "r") as file:
         for name, array in sorted(contents(file).items()):
@@ -56,8 +56,8 @@ def digest(result: Path) -> str:
     return sha.hexdigest()[:16]
 
 
-def kept() -> dict[str, str]:
-    """The digests that stand in the repository, by job."""
+def stored_digests() -> dict[str, str]:
+    """Return the digests in the repository by job."""
     return tomllib.loads(DIGESTS.read_text())
 
 
@@ -74,18 +74,18 @@ def run(job: Path, folder: Path, ranks: int = 1, environment: dict | None = None
     return digest(result)
 
 
-def ways_to_run(asked: argparse.Namespace) -> dict:
-    """Functions of a job and a folder that give a digest, by their names."""
-    like = asked.like or []
+def ways_to_run(options: argparse.Namespace) -> dict:
+    """Return functions of a job and a folder that give a digest, by name."""
+    like = options.like or []
     variants = {"as here": {}} | {name: LIKE[name] for name in LIKE if {name, "all"} & set(like)}
     if {"all", "together"} & set(like):
         variants |= {"all of them together": TOGETHER}
-    of = lambda more: lambda job, folder: run(job, folder, asked.ranks, more)
+    of = lambda more: lambda job, folder: run(job, folder, options.ranks, more)
     return {name: of(more) for name, more in variants.items()}
 
 
 def main() -> int:
-    """Run what is asked for and say what differs."""
+    """Run the selected jobs and print the differences."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -93,22 +93,20 @@ def main() -> int:
     parser.add_argument("--like", action="append", choices=["all", "together", *LIKE])
     parser.add_argument("--ranks", type=int, default=1)
     parser.add_argument("--write", action="store_true")
-    asked = parser.parse_args()
-    expected, wrong = ({} if asked.write else kept()), 0
-    for name in asked.only or JOBS:
-        for like, way in ways_to_run(asked).items():
+    options = parser.parse_args()
+    expected, wrong = ({} if options.write else stored_digests()), 0
+    for name in options.only or JOBS:
+        for like, way in ways_to_run(options).items():
             begin = time.monotonic()
             with tempfile.TemporaryDirectory() as folder:
-                found = way(JOBS[name], Path(folder))
-            same = found == expected.setdefault(name, found)
+                digest = way(JOBS[name], Path(folder))
+            same = digest == expected.setdefault(name, digest)
             wrong += not same
             took, state = time.monotonic() - begin, "equal" if same else "DIFFERS"
-            print(f"{name:15} {found} {state} {took:6.1f} s  {like}", flush=True)
-    if asked.write:
-        lines = [
-            f'{name} = "{value}"\n'
-            for name, value in sorted((kept() | expected).items() if DIGESTS.exists() else expected.items())
-        ]
+            print(f"{name:15} {digest} {state} {took:6.1f} s  {like}", flush=True)
+    if options.write:
+        digests = stored_digests() | expected if DIGESTS.exists() else expected
+        lines = [f'{name} = "{value}"\n' for name, value in sorted(digests.items())]
         DIGESTS.write_text(
             "# Of the results of the jobs in jobs/, by tests/processors.py: whoever changes them says why.\n"
             + "".join(lines)

@@ -9,17 +9,17 @@ import numpy as np
 
 def contents(file: h5py.File) -> dict[str, np.ndarray]:
     """Return all datasets and attributes ("name@attribute") except those of /provenance."""
-    found = {f"/@{key}": np.asarray(value) for key, value in file.attrs.items()}
+    result = {f"/@{key}": np.asarray(value) for key, value in file.attrs.items()}
 
     def add(name, item):
         if name.split("/")[0] == "provenance":
             return
-        found.update({f"{name}@{key}": np.asarray(value) for key, value in item.attrs.items()})
+        result.update({f"{name}@{key}": np.asarray(value) for key, value in item.attrs.items()})
         if isinstance(item, h5py.Dataset):
-            found[name] = np.asarray(item[()])
+            result[name] = np.asarray(item[()])
 
     file.visititems(add)
-    return found
+    return result
 
 
 def differences(old: Path | h5py.File, new: Path | h5py.File) -> list[str]:

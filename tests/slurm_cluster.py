@@ -1,7 +1,7 @@
 """Slurm on this machine, for the tests: a cluster of one node, with its own keys, ports and folder.
 
 munged, slurmctld and slurmd are Debian's (`apt-get install slurmctld slurmd munge slurm-client
-slurm-wlm-basic-plugins`). They run as the user who asks, touch nothing outside their folder, and end with it.
+slurm-wlm-basic-plugins`). They run as the present user, write only in their folder, and end with it.
 """
 
 import os
@@ -19,7 +19,7 @@ DAEMONS = ("munged", "slurmctld", "slurmd")
 WAIT = 300.0  # s that anything may take
 PATH = f"{os.environ['PATH']}:/usr/sbin:/sbin"
 
-# cred_expire: how long a job that went back to the queue waits there; two minutes if nothing is said
+# cred_expire: time that a requeued job waits; the default is two minutes
 CONFIGURATION = """
 ClusterName=netfall
 SlurmctldHost={host}(127.0.0.1)
@@ -53,21 +53,21 @@ PartitionName=all Nodes={host} Default=YES MaxTime=INFINITE State=UP
 
 
 def missing() -> list[str]:
-    """Programs that are not there."""
+    """Return the programs that are not installed."""
     return [name for name in (*DAEMONS, "sbatch", "srun") if shutil.which(name, path=PATH) is None]
 
 
 def kill_all(*variables: str) -> None:
-    """kill -9 of every process that has these in its environment, NAME=VALUE."""
+    """Send SIGKILL to every process whose environment contains these variables, NAME=VALUE."""
     for process in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):  # it has ended, or is another user's
-            there = (process / "environ").read_bytes().split(b"\0")
-            if all(each.encode() in there for each in variables):
+            entries = (process / "environ").read_bytes().split(b"\0")
+            if all(each.encode() in entries for each in variables):
                 os.kill(int(process.name), signal.SIGKILL)
 
 
 def free_ports(count: int) -> list[int]:
-    """Ports that nobody listens on."""
+    """Return unused ports."""
     held = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
     ports = [each.getsockname()[1] for each in held]
     for each in held:
@@ -76,7 +76,7 @@ def free_ports(count: int) -> list[int]:
 
 
 class Cluster:
-    """A cluster that runs: its commands, and its jobs by their numbers."""
+    """Commands of a running cluster, and its jobs by their numbers."""
 
     def __init__(self, folder: Path, environment: dict):
         """environment : variables of the commands"""
@@ -84,7 +84,7 @@ class Cluster:
         self.environment = environment | {"SLURM_CONF": str(folder / "slurm.conf"), "PATH": PATH}
 
     def command(self, *words, cwd=None, check: bool = True) -> str:
-        """What a command of Slurm prints."""
+        """Return the output of a command of Slurm."""
         done = subprocess.run(
             list(map(str, words)),
             cwd=cwd,
@@ -98,32 +98,32 @@ class Cluster:
         return done.stdout.strip()
 
     def submit(self, *words, cwd: Path) -> int:
-        """sbatch; the number of the job."""
+        """Submit a script by sbatch; return the number of the job."""
         return int(self.command("sbatch", "--parsable", *words, cwd=cwd))
 
     def queue(self) -> dict[str, str]:
-        """State of each job that is not over, by its name: JOB or JOB_TASK."""
+        """Return the state of each unfinished job by its name: JOB or JOB_TASK."""
         listed = self.command("squeue", "--noheader", "--array", "--format=%i %T").splitlines()
         return dict(line.split() for line in listed)
 
     def facts(self, job) -> dict[str, str]:
-        """What `scontrol show job` says of a job, running or just over."""
+        """Return the facts that `scontrol show job` prints for a running or recent job."""
         words = self.command("scontrol", "show", "job", job).split()
         return dict(word.split("=", 1) for word in words if "=" in word)
 
-    def until(self, there, what: str) -> None:
-        """Wait until something is there."""
+    def until(self, condition, what: str) -> None:
+        """Wait until a condition holds."""
         end = time.monotonic() + WAIT
-        while not there():
+        while not condition():
             assert time.monotonic() < end, f"{what} within {WAIT} s; queue: {self.queue()}"
             time.sleep(0.05)
 
     def until_empty(self) -> None:
-        """Wait until no job is left."""
+        """Wait until there is no job."""
         self.until(lambda: not self.queue(), "end of all jobs")
 
     def kill(self, variable: str) -> None:
-        """kill -9 of the script and all processes of jobs that have a variable, NAME=VALUE."""
+        """Send SIGKILL to the script and all processes of jobs with a variable, NAME=VALUE."""
         kill_all(f"SLURM_CONF={self.folder}/slurm.conf", variable)
 
     def clear(self) -> None:
@@ -134,9 +134,9 @@ class Cluster:
 
 @contextmanager
 def cluster(environment: dict):
-    """A cluster for as long as the block lasts; what was started is ended, whatever happens."""
+    """Start a cluster for a block, and end all its processes in any case."""
     started = []
-    # a short path: a socket's name has a hundred letters at most, and munged asks that all may reach it
+    # A socket's name has at most a hundred letters, and munged needs a path that all users can read.
     folder = Path(tempfile.mkdtemp(prefix="slurm-", dir="/tmp"))
     folder.chmod(0o755)
     try:
@@ -170,7 +170,7 @@ def _user() -> str:
 
 
 def _configure(folder: Path) -> None:
-    """Files that the daemons read, and folders that they write."""
+    """Write the files that the daemons read, and make their folders."""
     for name in ("state", "spool"):
         (folder / name).mkdir()
     key = folder / "munge.key"
@@ -189,7 +189,7 @@ def _configure(folder: Path) -> None:
 
 
 def _daemons(folder: Path) -> dict[str, list[str]]:
-    """Commands in the order of their start, each in the foreground."""
+    """Return the commands in the order of their start, each in the foreground."""
     places = {"key": "munge.key", "seed": "munge.seed", "pid": "munge.pid", "log": "munge.log"}
     files = [f"--{name}-file={folder}/{file}" for name, file in places.items()]
     munged = ["munged", "--foreground", f"--socket={folder}/munge.socket", *files]
@@ -197,7 +197,7 @@ def _daemons(folder: Path) -> dict[str, list[str]]:
 
 
 def _end(started: list[subprocess.Popen], folder: Path) -> None:
-    """End what was started, the last first, with the steps that slurmd has left, and the folder."""
+    """End the processes, the last first, and the steps that slurmd has left; remove the folder."""
     for daemon in reversed(started):
         daemon.terminate()
         try:

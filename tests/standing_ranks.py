@@ -1,12 +1,11 @@
-"""Ranks that stay: they run one netfall command after another, so that none pays for a start of processes.
+"""Ranks that persist and run one netfall command after another, which saves starts of processes.
 
     mpirun -n 3 python tests/standing_ranks.py
 
-Each line of standard input is a task, JSON: the folder to be in, the arguments of `netfall`, whether standard
-error goes to standard output, and more environment variables. Each line of standard output answers one: exit
-code (255 if the ranks differ in theirs), and what was said to standard output and standard error. The end of
-input ends the ranks. A rank that stands alone also does what workers of one rank would do for a study, one
-task after another.
+Each line of standard input is a task in JSON: working folder, arguments of `netfall`, whether standard error
+goes to standard output, and additional environment variables. Each line of standard output answers one task:
+exit code (255 if the ranks' codes differ), standard output and standard error. The end of input ends the
+ranks. A single rank also performs the tasks that a study would give to workers of one rank, one by one.
 """
 
 import contextlib
@@ -21,7 +20,7 @@ from unittest.mock import patch
 
 
 class StandingRanks:
-    """The ranks as those see them who have tasks: started with the first task, and anew if they are gone."""
+    """Handle of the ranks. A task starts them if they do not run."""
 
     def __init__(self, launch: list, environment: dict):
         """launch : the command that starts this file on the ranks"""
@@ -29,7 +28,7 @@ class StandingRanks:
         self.process, self.complaints = None, None
 
     def run(self, *arguments, cwd=None, timeout=300, one_stream=False, environment=None):
-        """`netfall` with these arguments: as a process of its own would end.
+        """Run `netfall` with these arguments; return the finished process, as if it were a new one.
 
         one_stream : whether standard error goes to standard output
         """
@@ -56,7 +55,7 @@ class StandingRanks:
         self.process = Popen(self.launch, env=self.environment, **pipes)
 
     def stop(self):
-        """Let the ranks go."""
+        """End the ranks."""
         if self.process is not None:
             with contextlib.suppress(BrokenPipeError):
                 self.process.stdin.close()
@@ -67,7 +66,7 @@ class StandingRanks:
 
 
 class Aloud(io.StringIO):
-    """What is written here is also said at once: a rank that gives up has no time for an answer."""
+    """Stream that also writes to standard error at once, because a rank that aborts cannot answer."""
 
     def write(self, text):
         sys.__stderr__.write(text)
@@ -76,7 +75,7 @@ class Aloud(io.StringIO):
 
 
 def call(folder: str, arguments: list[str], one_stream: bool, more: dict) -> tuple[int, str, str]:
-    """netfall's `main` as its own process would call it; exit code, output, errors."""
+    """Call netfall's `main` as a new process would; return exit code, output and errors."""
     from netfall.__main__ import main
 
     error, code = Aloud(), 0
@@ -93,7 +92,7 @@ def call(folder: str, arguments: list[str], one_stream: bool, more: dict) -> tup
 
 
 def run_tasks_here(pool, stop):
-    """Let a worker's `run_tasks` do the tasks of a pool in this process, with no start of workers."""
+    """Let a worker's `run_tasks` perform the tasks of a pool in this process, without workers."""
     from netfall.driver import worker
 
     key = number = answers = None
@@ -142,7 +141,7 @@ def serve():
 
     if MPI.COMM_WORLD.size == 1:
         keep_workers_here()
-    comm = MPI.COMM_WORLD.Dup()  # what is sent here never meets what netfall sends
+    comm = MPI.COMM_WORLD.Dup()  # separates these messages from those of netfall
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # libraries that print by themselves
     while (task := next_task(comm)) is not None:

@@ -34,7 +34,7 @@ def columns(inputs: dict, failed: np.ndarray, severity: np.ndarray, **changed) -
     """Return columns of /samples: inputs, and results of failed runs (N,) by `severity` (N,), 0 to 1."""
     n = len(failed)
     value = lambda x: np.where(failed, x, np.nan)
-    found = {
+    result = {
         "first_fracture": value(5.0 - 4.0 * severity),
         "first_element": np.where(failed, 7, -1),
         "first_element_id": np.where(failed, 1008, -1),
@@ -51,7 +51,7 @@ def columns(inputs: dict, failed: np.ndarray, severity: np.ndarray, **changed) -
         "state": np.full(n, "finished", object),
         "reason": np.full(n, "", object),
     }
-    return inputs | found | changed
+    return inputs | result | changed
 
 
 def events_of(samples: dict, elements: int) -> dict:
@@ -104,6 +104,6 @@ def drawn_samples(generator, seeds: int, speeds, median: float, dispersion: floa
 
 def study_lines(path) -> str:
     """Return the output of `netfall info` on a study file."""
-    said = []
-    print_study(path, said.append)
-    return "\n".join(said)
+    lines = []
+    print_study(path, lines.append)
+    return "\n".join(lines)

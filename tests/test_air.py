@@ -70,13 +70,13 @@ def test_between_samples_of_the_wind_the_factor_of_the_air_is_linear(workshop):
 
 def flight(C, step, M):
     """Return positions of the free plate at 501 steps; C : [kg/s] by time [s] and length of update [s]."""
-    x, v, found = 0.0, 0.0, []
+    x, v, positions = 0.0, 0.0, []
     for n in range(501):
         dt = step if n else 0.5 * step
-        found.append(x)
+        positions.append(x)
         v += dt / M * (500.0 - C(n * step, dt) * (v + 0.5 * dt / M * 500.0))
         x += step * v
-    return np.array(found)
+    return np.array(positions)
 
 
 def hanging_plate(extra):

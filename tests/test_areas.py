@@ -177,13 +177,13 @@ def test_given_vector_areas_are_used(workshop):
     """Area times normal. A missing normal has the proportions of the faces, a missing area their area."""
     rows = ("", ",area", ",normal_x,normal_y,normal_z", ",area,normal_x,normal_y,normal_z")
     nodes, elements = dome_tables(1.0)
-    found = []
+    areas = []
     for head, cells in zip(rows, ("", ",3", ",0.6,0,0.8", ",3,0.6,0,0.8")):
         first, *others = nodes.splitlines()
         table = "\n".join([first + head, *(row + cells for row in others)])
         net = build_net(read_job(workshop.job(PRESSED, table, elements)))
-        found.append(tributary_areas(net.x, net, find_faces(net)))
-    plain, area, normal, both = found
+        areas.append(tributary_areas(net.x, net, find_faces(net)))
+    plain, area, normal, both = areas
     factor = 3.0 / plain.surface
     assert (
         np.allclose(area.vector, factor[:, None] * plain.vector, rtol=1e-14) and (area.surface == 3.0).all()
@@ -329,11 +329,11 @@ def test_nodes_without_area_are_named(workshop):
 def test_check_states_both_areas_and_the_outline(workshop):
     """In a line of `netfall check`, with notes on parallel elements and on a node within an element."""
     job = workshop.job(PRESSED, *grid_tables("long", [(11, 12)]))
-    told = workshop.check(job)
+    output = workshop.check(job)
     line = "roof: 16.0 m2 of surface, 16.0 m2 in plan; closed faces cover 100.0% of the net's outline in plan"
-    assert line in told, told
-    assert "join the same two nodes (101 and 128)." in told
-    assert "not at their ends: " in told and " (1 in element 124" in told
+    assert line in output, output
+    assert "join the same two nodes (101 and 128)." in output
+    assert "not at their ends: " in output and " (1 in element 124" in output
 
 
 def spokes():
@@ -386,7 +386,7 @@ def nearest_shares(rings):
     polygon = shapely.Polygon(rings[0], rings[1:])
     corners = np.array([corner for ring in rings for corner in ring])
     reach = 4.0 * np.ptp(corners, axis=0).max()
-    found = []
+    shares = []
     for i, own in enumerate(corners):
         cell = polygon
         for other in np.delete(corners, i, axis=0):
@@ -395,23 +395,23 @@ def nearest_shares(rings):
             far = reach * along
             box = [middle - across, middle + across, middle + across - far, middle - across - far]
             cell = shapely.intersection(cell, shapely.Polygon(box))
-        found.append(cell.area)
-    return polygon.area, np.array(found)
+        shares.append(cell.area)
+    return polygon.area, np.array(shares)
 
 
-def cut_triangulation(rng, points, kept):
+def cut_triangulation(rng, points, share):
     """Return random Delaunay triangles without some sides: concave faces with holes; and their area."""
     xy = rng.uniform(0, 10, (points, 2))
     triangles = Delaunay(xy).simplices
     sides = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], -1).reshape(-1, 2), axis=1)
     pairs, side = np.unique(sides, axis=0, return_inverse=True)
-    there = rng.random(len(pairs)) < kept
+    is_side = rng.random(len(pairs)) < share
     of_side = [[] for _ in pairs]
     for row, k in enumerate(side.ravel()):
         of_side[k].append(row // 3)
     outside = len(triangles)
     label = list(range(outside + 1))
-    for k in np.flatnonzero(~there):
+    for k in np.flatnonzero(~is_side):
         a, b = (label[t] for t in [*of_side[k], outside][:2])
         label = [b if value == a else value for value in label]
     p, q, r = (xy[triangles[:, k]] for k in range(3))
@@ -426,40 +426,40 @@ def cut_triangulation(rng, points, kept):
         vector = 0.5 * np.cross(q - p, r - p)
         return (np.sign(vector[:, 2:]) * vector).sum(0)
 
-    return xy, pairs[there], area[closed].sum(), outline
+    return xy, pairs[is_side], area[closed].sum(), outline
 
 
 @settings(max_examples=150, derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.integers(0, 2**32 - 1), st.integers(4, 40), st.sampled_from([0.6, 0.8, 0.9]), st.integers(1, 3))
-def test_areas_of_random_faces_are_exact(seed, points, kept, parts):
+def test_areas_of_random_faces_are_exact(seed, points, share, parts):
     """Shares of a face add to 1; vector areas sum to that of the outline, whatever the heights within;
     each node's is the same in another order of nodes and elements.
 
     Of a net on an inclined plane each node's area is found by cutting the faces by bisectors in that plane.
     """
     rng = np.random.default_rng(seed)
-    xy, elements, closed, outline = cut_triangulation(rng, points, kept)
+    xy, elements, closed, outline = cut_triangulation(rng, points, share)
     if not len(elements):
         return
     z = rng.uniform(-3, 3, points)
     net = subdivide(net_of(xy, elements, z=z), parts)
     assume(not draw_plan(net).notes)  # no triangle so flat that its node lies on the side opposite
-    found = share_out_faces(net.x, find_faces(net))
-    assume(len(found.face))
-    assert np.allclose(np.bincount(found.face, found.share), 1.0, rtol=1e-12) and (found.share >= 0).all()
+    shares = share_out_faces(net.x, find_faces(net))
+    assume(len(shares.face))
+    assert np.allclose(np.bincount(shares.face, shares.share), 1.0, rtol=1e-12) and (shares.share >= 0).all()
     order, number = rng.permutation(len(elements)), rng.permutation(points)
     turned = np.roll(elements[order], 1, axis=1)
     other = tributary_of(
         subdivide(net_of(xy[np.argsort(number)], number[turned], z=z[np.argsort(number)]), parts)
     )
-    areas, scale = tributary_of(net), np.abs(found.vector).sum()
+    areas, scale = tributary_of(net), np.abs(shares.vector).sum()
     assert np.allclose(other.plan[number], areas.plan[:points], rtol=1e-9, atol=1e-9)
     assert abs(areas.vector.sum(0) - outline(z)).max() <= 1e-12 * scale
     assert abs(areas.plan.sum() - closed) <= 1e-12 * scale
     slope = np.array([0.75, 0.0])
     plane = subdivide(net_of(xy, elements, z=xy @ slope), parts)
     faces = find_faces(plane)
-    areas, found = tributary_areas(plane.x, plane, faces), share_out_faces(plane.x, faces)
+    areas, shares = tributary_areas(plane.x, plane, faces), share_out_faces(plane.x, faces)
     assert np.allclose(areas.vector, areas.surface[:, None] * [-0.6, 0.0, 0.8], rtol=1e-11, atol=1e-12)
     rings = faces.rings
     for face in range(faces.count):
@@ -469,9 +469,9 @@ def test_areas_of_random_faces_are_exact(seed, points, kept, parts):
         if len(corner) > 4 and len(corner) <= 14 and len(set(corner)) == len(corner):
             in_plane = plane.x[:, :2] * [1.25, 1.0]
             area, part = nearest_shares([in_plane[shape] for shape in shapes])
-            of_face = found.face == face
-            mine = np.bincount(found.node[of_face], found.surface_areas()[of_face], plane.n)
-            assert np.allclose(mine[corner], part, rtol=1e-12, atol=1e-12 * area)
+            of_face = shares.face == face
+            computed = np.bincount(shares.node[of_face], shares.surface_areas()[of_face], plane.n)
+            assert np.allclose(computed[corner], part, rtol=1e-12, atol=1e-12 * area)
 
 
 # --- openings
@@ -612,8 +612,8 @@ def test_check_says_how_to_exclude_a_large_face(workshop):
     (line,) = lines_with("largest face", "check", job)
     assert "9 m2 in plan around [2.5, 2.5], the usual one has 1 m2" in line
     key = line.split("leave it out with [roof] ")[1].partition(" [N")[0].replace(" = ", "=")
-    told = workshop.check(job, "--set", f"roof.{key}")
-    assert "roof: 16.0 m2 of surface" in told and "largest face" not in told
+    output = workshop.check(job, "--set", f"roof.{key}")
+    assert "roof: 16.0 m2 of surface" in output and "largest face" not in output
 
 
 def test_a_node_above_or_below_an_element_is_named_with_its_distance(workshop):

@@ -37,8 +37,8 @@ def exact(function) -> Decimal:
         return function()
 
 
-def near(found: float, expected: Decimal) -> bool:
-    return abs(Decimal(found) - expected) <= Decimal(2 * np.spacing(abs(found)))
+def is_near(computed: float, expected: Decimal) -> bool:
+    return abs(Decimal(computed) - expected) <= Decimal(2 * np.spacing(abs(computed)))
 
 
 @pytest.mark.parametrize("low, high", [(-290, 290), (-3, 3), (-1e-3, 1e-3)])
@@ -57,19 +57,19 @@ def test_within_two_units_of_the_last_place(low, high):
         4.0,
     ]
     x, z = 10.0 ** rng.uniform(0.45 * low, 0.45 * high, (2, len(numbers)))  # whose squares can be added
-    found, again = np.empty((2, 3, len(numbers)))
-    in_vectors(x, z, numbers, *found)
+    computed, again = np.empty((2, 3, len(numbers)))
+    in_vectors(x, z, numbers, *computed)
     one_by_one(x, z, numbers, *again)
-    assert found.tobytes() == again.tobytes()
-    for number, dx, dz, inverse, length, log in zip(*(row.tolist() for row in (numbers, x, z, *found))):
+    assert computed.tobytes() == again.tobytes()
+    for number, dx, dz, inverse, length, log in zip(*(row.tolist() for row in (numbers, x, z, *computed))):
         true = exact(lambda: (Decimal(dx) ** 2 + Decimal(dz) ** 2).sqrt())
-        assert near(length, true) and near(inverse, exact(lambda: 1 / true))
-        assert near(log, exact(Decimal(number).ln))
+        assert is_near(length, true) and is_near(inverse, exact(lambda: 1 / true))
+        assert is_near(log, exact(Decimal(number).ln))
 
 
 def test_infinity_and_nan_remain():
     """Such a length is not a number either, which the energy check finds."""
-    x, found = np.full(LANES, np.inf), np.empty((3, LANES))
+    x, computed = np.full(LANES, np.inf), np.empty((3, LANES))
     x[1::2] = np.nan
-    in_vectors(x, np.ones(LANES), np.ones(LANES), *found)
-    assert not np.isfinite(found[1]).any() and np.isnan(found[0, 1::2]).all()
+    in_vectors(x, np.ones(LANES), np.ones(LANES), *computed)
+    assert not np.isfinite(computed[1]).any() and np.isnan(computed[0, 1::2]).all()

@@ -120,7 +120,7 @@ def test_a_cable_that_goes_slack_is_never_in_compression_and_balances(workshop):
 
 
 def test_a_fading_removal_begins_with_the_force_of_the_element(workshop):
-    """Of a mass between two cables, one removed over 1000 s: nothing moves at first, with any step."""
+    """A mass hangs between two cables, and one fades over 1000 s. It stays at first, with any step."""
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,mass\n0,0,0,0,1,1,1,0\n1,0,0,-10,1,1,0,100\n2,0,0,-20,1,1,1,0\n"
     text = BAR.replace('kind = "bar"\n', "prestress = 200.0\n") + "[load]\nself_weight = false\n"
     text += "[[remove]]\nelements = [1]\ntime = 0.02\nduration = 1000.0\n"
@@ -156,7 +156,7 @@ def test_a_string_has_no_damping_of_the_band_across(workshop):
 
 @pytest.mark.parametrize("ratio", [0.02, 0.2])
 def test_the_ratio_of_a_mode_is_that_of_the_motion_with_its_branches(workshop, ratio):
-    """By the eigenvalues of a mass on a spring N = k x with branches alpha (N - V), V' = (N - V) / tau."""
+    """Eigenvalues of a mass on a spring N = k x with branches alpha (N - V), V' = (N - V) / tau."""
     frequencies, keys = [2.7, 12.1], f"axial_damping_ratio = {ratio}\naxial_damping_band = [1.0, 20.0]\n"
     text, nodes, elements = oscillators([1.0 / f for f in frequencies], "", 1e-4, 0.01)
     text = text.replace("[dynamics]", "[dynamics]\n" + keys).replace(
@@ -165,9 +165,9 @@ def test_the_ratio_of_a_mode_is_that_of_the_motion_with_its_branches(workshop, r
     f = workshop.solve(text, nodes, elements)
     assert 1.0 / f["modes/period"][:] == pytest.approx(frequencies, rel=1e-3)
     (a, b), (s, t) = np.reshape(band_branches(ratio, 1.0, 20.0), (2, -1))
-    for told, period in zip(f["modes/band_damping_ratio"][:], f["modes/period"][:]):
+    for computed, period in zip(f["modes/band_damping_ratio"][:], f["modes/period"][:]):
         k = (2 * np.pi / period) ** 2
         system = [[0, 1, 0, 0], [-k * (1 + a + b), 0, a, b], [k / s, 0, -1 / s, 0], [k / t, 0, 0, -1 / t]]
         roots = np.linalg.eigvals(system)
         root = roots[roots.imag.argmax()]
-        assert told == pytest.approx(-root.real / abs(root), rel=1e-9)
+        assert computed == pytest.approx(-root.real / abs(root), rel=1e-9)

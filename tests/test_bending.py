@@ -93,11 +93,11 @@ def energies(x, joints):
 
 def differences(of, x, step=1e-5):
     """Return the derivative of a function of positions by each of them."""
-    found = []
+    columns = []
     for move in np.eye(x.size):
         d = step * move.reshape(x.shape)
-        found.append((of(x + d) - of(x - d)) / (2 * step))
-    return np.array(found)
+        columns.append((of(x + d) - of(x - d)) / (2 * step))
+    return np.array(columns)
 
 
 def test_bending_forces_are_the_derivative_of_the_energy_and_balance(crooked):
@@ -125,8 +125,8 @@ def test_the_tangent_is_the_derivative_of_the_forces(crooked):
     """It is symmetric, its part without moments is positive, and the bound of each particle holds."""
     x, joints = crooked
     whole, positive = (dense(joints, K, 7) for K in tangents(x, joints))
-    found = -differences(lambda x: forces(x, joints).ravel(), x)
-    assert np.abs(whole - found).max() < 1e-9 * np.abs(whole).max()  # of the differences
+    tangent = -differences(lambda x: forces(x, joints).ravel(), x)
+    assert np.abs(whole - tangent).max() < 1e-9 * np.abs(whole).max()  # of the differences
     assert np.abs(whole - whole.T).max() < 1e-14 * np.abs(whole).max()
     assert np.linalg.eigvalsh(positive).min() > -1e-13 * np.abs(positive).max()
     bound = np.zeros(7)
@@ -206,7 +206,7 @@ def test_columns_buckle_at_eulers_load(ends):
     """K is 2, 1, 0.699 or 0.5. With 12 and 24 bars the error falls as the square of their length."""
     coarse, fine = (critical_column(n, ends) for n in (12, 24))
     exact = 20.19072856 if ends == "one end hinged" else (np.pi / EULER[ends]) ** 2
-    assert (4.0 * fine - coarse) / 3.0 == pytest.approx(exact, rel=1e-4)  # of the fourth order what is left
+    assert (4.0 * fine - coarse) / 3.0 == pytest.approx(exact, rel=1e-4)  # the error is of fourth order
     assert exact == pytest.approx((np.pi / EULER[ends]) ** 2, rel=1e-3)  # K has three digits
     assert fine < exact
 
@@ -313,17 +313,17 @@ def chains(workshop, elements, parts=1):
     text = RING if "other" in elements else RING.partition("[group.other]")[0]
     job = read_job(workshop.job(text, nodes, elements), [f"net.subdivide={parts}"])
     net = build_net(job)
-    found = find_bending_chains(net)
+    result = find_bending_chains(net)
     return {
-        tuple(sorted(net.node_id[[a, c]].tolist()) + [int(net.node_id[b])]) for a, b, c in found.particles
-    }, found
+        tuple(sorted(net.node_id[[a, c]].tolist()) + [int(net.node_id[b])]) for a, b, c in result.particles
+    }, result
 
 
 def test_chains_continue_where_two_bars_of_a_group_meet(workshop):
     """Also at a support, at any angle; not between groups, nor where cables meet."""
     rows = "start,end,group\n2,1,ring\n2,3,ring\n4,3,ring\n4,5,other\n5,6,\n6,1,\n2,6,\n"
-    found, chains_found = chains(workshop, rows)
-    assert found == {(1, 3, 2), (2, 4, 3)}
+    result, chains_found = chains(workshop, rows)
+    assert result == {(1, 3, 2), (2, 4, 3)}
     at = chains_found.at
     assert (at[3:] == NO_BENDING).all()  # the bar of the other group has no joint
     assert at[0, 1] == CHAIN_END and at[0, 0] == at[1, 0] >= 0

@@ -39,7 +39,7 @@ def truss_moments(f, tension, x):
     """Moments [N m] about the centroid of the chords in the middle of each bay, by a cut."""
     net = f["net"]
     group = net["group_names"].asstr()[:][net["group"][:]]
-    found = np.zeros(SIDES)
+    moments = np.zeros(SIDES)
     for k, (c, s) in enumerate(zip(np.cos(TURN), np.sin(TURN))):
         along, out, force, moment, centroid = np.array([-s, c, 0.0]), np.array([c, s, 0.0]), 0.0, 0.0, 0.0
         for e in np.flatnonzero(np.isin(group, ("ring_outer", "ring_truss"))):
@@ -51,8 +51,8 @@ def truss_moments(f, tension, x):
             force, moment = force + tension[e] * abs(d @ along), moment + tension[e] * abs(d @ along) * place
             if abs(d @ along) > 0.999:
                 centroid += place * (INNER if group[e] == "ring_outer" else OUTER) / (INNER + OUTER)
-        found[k] = moment - force * centroid
-    return found
+        moments[k] = moment - force * centroid
+    return moments
 
 
 def ring_moments(f, x):
@@ -83,17 +83,17 @@ def compare(truss: h5py.File, bent: h5py.File) -> None:
     names = bent["net/group_names"].asstr()[:][bent["net/group"][:]]
     N, M = truss[f"{case}/tension"][:][ids], bent[f"{case}/tension"][:]
     for name in set(names.tolist()) - {"ring_outer"}:  # of the truss the inner chord alone
-        mine = names == name
-        assert np.abs(N - M)[mine].max() < 0.005 * np.abs(N[mine]).max(), name
+        in_group = names == name
+        assert np.abs(N - M)[in_group].max() < 0.005 * np.abs(N[in_group]).max(), name
     x = truss["net/particles"][:]
     moved = x + truss[f"{case}/displacement"][:]
     before = truss_moments(truss, form_tension(truss), x)
     of_truss = truss_moments(truss, truss[f"{case}/tension"][:], moved) - before
     bent_to = bent["net/particles"][:] + bent[f"{case}/displacement"][:]
     of_ring = ring_moments(bent, bent_to)
-    # Spokes meet the inner chord, beside the centroid: a moment that is the same all around.
+    # Spokes meet the inner chord, not the centroid: a moment that is the same all around.
     off = (of_truss - of_truss.mean()) - (of_ring - of_ring.mean())
     assert np.abs(of_ring).max() > 2e5
     assert np.abs(off).max() < 0.02 * np.abs(of_ring).max()
     largest = np.nanmax(bent[f"{case}/bending_moment"][:])
-    assert np.abs(of_ring).max() == pytest.approx(largest, rel=0.2)  # joints lie beside the middles
+    assert np.abs(of_ring).max() == pytest.approx(largest, rel=0.2)  # joints are not at the middles

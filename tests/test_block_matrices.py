@@ -103,8 +103,8 @@ def solved(comm, rng, rows: Owners) -> tuple[np.ndarray, np.ndarray]:
 
 def gathered(comm, rows: Owners, own: np.ndarray) -> np.ndarray:
     whole = np.empty((rows.n, 3), np.float32)
-    for mine, part in comm.allgather((rows.mine, own)):
-        whole[mine] = part
+    for own_rows, part in comm.allgather((rows.mine, own)):
+        whole[own_rows] = part
     return whole
 
 
@@ -127,14 +127,14 @@ def test_products_agree_with_dense_matrices_on_any_number_of_ranks(ranks):
 
 
 def test_particles_of_a_net_of_squares_form_aggregates():
-    """Of nine, except at two edges. A particle without neighbours belongs to none."""
-    there = np.pad(np.ones((8, 8), bool), 2)
-    there[0, 0] = True  # alone
-    number = np.cumsum(there.ravel()).reshape(there.shape) - 1
+    """Aggregates have nine particles, except at two edges. A particle without neighbours is in none."""
+    is_free = np.pad(np.ones((8, 8), bool), 2)
+    is_free[0, 0] = True  # alone
+    number = np.cumsum(is_free.ravel()).reshape(is_free.shape) - 1
     pairs = []
-    for i, j in zip(*np.nonzero(there)):
-        near = ((i, j), (i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1))
-        pairs += [(number[i, j], number[k]) for k in near if min(k) >= 0 and there[k]]
+    for i, j in zip(*np.nonzero(is_free)):
+        neighbours = ((i, j), (i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1))
+        pairs += [(number[i, j], number[k]) for k in neighbours if min(k) >= 0 and is_free[k]]
     row, column = np.array(sorted(pairs), np.int32).T
     start, rows = np.searchsorted(row, np.arange(66)), Owners(MPI.COMM_SELF, np.arange(65))
     of, count = aggregates(Pattern(MPI.COMM_SELF, start, column, rows, rows), True)

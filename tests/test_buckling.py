@@ -80,23 +80,23 @@ def test_a_compression_check_of_a_tensioned_post_explains_its_empty_result(works
     assert "Empty: no element that has a strength for it is in compression." in page
 
 
-@pytest.mark.parametrize("more, told, ranks", [("", False, 1), ("buckling_length = 8.0\n", True, 2)])
-def test_a_bar_above_its_euler_load_is_a_warning(workshop, more, told, ranks):
+@pytest.mark.parametrize("more, is_above, ranks", [("", False, 1), ("buckling_length = 8.0\n", True, 2)])
+def test_a_bar_above_its_euler_load_is_a_warning(workshop, more, is_above, ranks):
     """200 kN on a post of 648 kN, or of 162 kN: the run and its file contain the warning."""
     job = workshop.job(STATICS + POST + more, NODES, ELEMENTS)
-    said = workshop.printed(job, ranks=ranks)
-    assert ("warning: statics: element 7: compression above the Euler load" in said) == told, said
+    output = workshop.printed(job, ranks=ranks)
+    assert ("warning: statics: element 7: compression above the Euler load" in output) == is_above, output
     with workshop.open() as f:
-        assert ("beyond_euler" in f["statics"].attrs) == told
+        assert ("beyond_euler" in f["statics"].attrs) == is_above
 
 
-@pytest.mark.parametrize("length, told", [(4.0, False), (6.0, True)])
-def test_a_bar_above_its_euler_load_in_motion_is_a_warning(workshop, length, told):
+@pytest.mark.parametrize("length, is_above", [(4.0, False), (6.0, True)])
+def test_a_bar_above_its_euler_load_in_motion_is_a_warning(workshop, length, is_above):
     """200 kN applied at once press with up to 400 kN, on a post of 648 kN or of 288 kN."""
     text = STEEL.replace("100e3", "0.0") + POST + f"buckling_length = {length}\n[dynamics]\nduration = 0.02\n"
     job = workshop.job(text, NODES, ELEMENTS)
     for each in (workshop.printed(job), workshop.info()):
-        assert ("warning: dynamics: element 7: compression above the Euler load" in each) == told, each
+        assert ("warning: dynamics: element 7: compression above the Euler load" in each) == is_above, each
 
 
 def test_parts_of_a_bar_buckle_as_one_and_a_given_length_counts(workshop):
@@ -216,12 +216,12 @@ def test_elements_that_buckle_and_yield_in_statics_are_named(both_ways):
         assert f["statics/tension"][-1] == pytest.approx([-EULER, 0.3 * EULER, 0.2 * EULER], rel=1e-6)
         named = {name: f["statics"].attrs[name].tolist() for name in ("buckled", "yielding")}
         assert named == {"buckled": [7], "yielding": [9]} and "over_strength" not in f["statics"].attrs
-    told = [both_ways.printed(job, output="again.vtkhdf")]
+    texts = [both_ways.printed(job, output="again.vtkhdf")]
     report = both_ways.report("again.vtkhdf")
-    told += [both_ways.info("again.vtkhdf"), report.page]
+    texts += [both_ways.info("again.vtkhdf"), report.page]
     at_euler = [row for row in report.rows("checks") if (row["check"], row["group"]) == ("euler", "post")]
     assert [row["result"] for row in at_euler] == ["FAILS"]  # used by 1.000
-    for text in told:
+    for text in texts:
         assert "arning: statics: element 7: buckled, at the Euler load. A bar that is not quite" in text
         assert "arning: statics: element 9: at the yield force" in text
     less = [f"{name}={value}" for name, value in (("load.steps", 2), ("group.soft.yield_stress", 1e12))]
@@ -274,7 +274,7 @@ def falls(limit, strain):
     ],
 )
 def test_a_post_breaks_in_compression(workshop, keys, limit, strain, heat):
-    """By its strain after buckling or yielding, or by its force before: the time, and the plastic work."""
+    """It breaks at its strain after buckling or yielding, or at its force: the time, and the plastic work."""
     _, f = dropped(workshop, keys)
     assert f["events/time"][0] == pytest.approx(falls(limit, strain), rel=2e-3)
     assert f["events/strain"][0] == pytest.approx(-strain, rel=5e-3)

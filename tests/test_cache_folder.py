@@ -83,7 +83,7 @@ def test_the_users_folder_is_used_if_the_package_is_read_only(package, tmp_path)
 
 
 def test_folders_of_old_sources_are_removed(package):
-    """Those that no command has used for a month, because a run may take long; nothing else."""
+    """Only folders are removed that no command has used for a month, because a run may take long."""
     first, names = chosen(), ("netfall-" + "0" * 16, "netfall-" + "1" * 16, "netfall-notes", "other")
     old, young, *others = (first.parent / name for name in names)
     for path in (old, young, *others):
@@ -185,5 +185,5 @@ def test_an_error_from_damaged_code_names_the_folder_to_remove(tmp_path, ending)
         for path in tmp_path.rglob(f"*{ending}") if damaged else ():
             path.write_bytes(path.read_bytes()[:20])
         done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True)
-    told = f"Compiled code in {tmp_path}/netfall-" in done.stderr
-    assert done.returncode == 1 and told == bool(ending), done.stderr
+    is_named = f"Compiled code in {tmp_path}/netfall-" in done.stderr
+    assert done.returncode == 1 and is_named == bool(ending), done.stderr

@@ -15,7 +15,7 @@ from netfall.model.layout import make_layout
 from netfall.post.checks.nodes import reaction_columns
 from netfall.statics.newton import Newton, NoConvergence
 
-TOLERANCE = 1e-6  # of the largest tension: what the issue asks, with [load] tolerance = 1e-9 well above it
+TOLERANCE = 1e-6  # of the largest tension, well above [load] tolerance = 1e-9
 SADDLE = (
     LOW_SADDLE + "[form_finding]\ntolerance = 1e-9\n"
     '[[zone]]\nname = "half"\npolygon = [[-1, -1], [20, -1], [20, 41], [-1, 41]]\ncut = true\n'
@@ -84,33 +84,33 @@ def test_points_of_a_pressure_table_in_another_unit_are_a_warning(workshop):
     """The roof is 40 m long. Points in millimetres would give all nodes nearly equal pressures."""
     start = "warning: [[case]] tunnel: pressure_table: 3 of 4 points lie far outside the roof, "
     start += "the farthest at x, y = "
-    for unit, told in ((1, 0), (1000, 1)):
+    for unit, count in ((1, 0), (1000, 1)):
         rows = "".join(f"{unit * x},{unit * y},{-x}\n" for x in (0, 40) for y in (0, 40))
         notes = notes_of_points(workshop, rows)
-        assert sum(note.startswith(start + "40000, 40000 m by ") for note in notes) == told
+        assert sum(note.startswith(start + "40000, 40000 m by ") for note in notes) == count
 
 
 def test_nodes_equally_far_from_several_points_are_a_warning(workshop):
     """Six points surround the middle. Their order decides which four count, unless one is there."""
     around = [(10 * np.cos(k * np.pi / 3), 10 * np.sin(k * np.pi / 3), k) for k in range(6)]
     start = "warning: [[case]] tunnel: pressure_table: node "
-    for points, told in ((around, 1), ([*around, (0.0, 0.0, 3.0)], 0)):
+    for points, count in ((around, 1), ([*around, (0.0, 0.0, 3.0)], 0)):
         rows = "".join(f"{x:.4f},{y:.4f},{p}\n" for x, y, p in points)
         notes = notes_of_points(workshop, rows)
-        assert sum(note.startswith(start) and "five or more points" in note for note in notes) == told
+        assert sum(note.startswith(start) and "five or more points" in note for note in notes) == count
 
 
 def test_zones_that_keep_their_values_in_a_case_are_named(workshop):
     """600 N/m2 of a case do not reach a zone with 70 N/m2; 0, or its value in the case, is meant."""
     zone = '[[zone]]\nname = "e"\npolygon = [[0.0, 0.0], [30.0, 0.0], [0.0, 30.0]]\n[load.zone.e]\nsnow = '
 
-    def told(own: str, more: str = "") -> list[str]:
+    def notes_of(own: str, more: str = "") -> list[str]:
         job = SADDLE + LOAD + zone + own + "\n" + case("deep", 'set = {"load.snow" = 600.0' + more + "}")
         notes = make_layout(read_job(workshop.job(job)), 1).notes
         return [note for note in notes if "value of their own" in note]
 
-    assert len(told("70.0")) == 1 and "(load.zone.e.snow = 70)" in told("70.0")[0]
-    assert told("0.0") == told("70.0", ', "load.zone.e.snow" = 70.0') == []
+    assert len(notes_of("70.0")) == 1 and "(load.zone.e.snow = 70)" in notes_of("70.0")[0]
+    assert notes_of("0.0") == notes_of("70.0", ', "load.zone.e.snow" = 70.0') == []
 
 
 def test_a_combination_of_load_and_case_is_explained(workshop):
@@ -119,24 +119,24 @@ def test_a_combination_of_load_and_case_is_explained(workshop):
     sums = combination("U", "load = 1.05, deep = 1.5, lift = 1.5, temperature = 0")
     sums += combination("V", "load = 1.5, deep = 1.5, temperature = 0") + combination("W", "lift = 1.0")
 
-    def told(load: str) -> list[str]:
+    def notes_of(load: str) -> list[str]:
         notes = make_layout(read_job(workshop.job(SADDLE + LOAD + load + snow + lift + sums)), 1).notes
         return [note for note in notes if note.startswith(("warning: [[case]]", "warning: [[combination]]"))]
 
-    assert told("") == []
-    many, left_out, warm = told("snow = 250.0\ntemperature = 9.0\n")
+    assert notes_of("") == []
+    many, left_out, warm = notes_of("snow = 250.0\ntemperature = 9.0\n")
     assert many.startswith("warning: [[case]] deep: load.snow = 900, but [load] has 250. ")
     assert '("U": 1.5 x (900 - 250) + 1.05 x 250 = 1237.5)' in many
     assert left_out.startswith(
         'warning: [[combination]] "W": the factors do not name load, so snow, ice and pressure of [load]'
     )
     assert warm.startswith('warning: [[combination]] "W": the factors do not name temperature, ')
-    (left_out,) = told(case("drift", 'set = {"load.snow" = 900.0}'))
+    (left_out,) = notes_of(case("drift", 'set = {"load.snow" = 900.0}'))
     assert left_out.startswith(
         "warning: [[case]] drift: in no combination, so no combination has these loads"
     )
     sums += combination("X", "drift = 0.0")
-    assert told(case("drift", 'set = {"load.snow" = 900.0}')) == []
+    assert notes_of(case("drift", 'set = {"load.snow" = 900.0}')) == []
 
 
 def test_a_combination_with_the_mean_wind_is_a_warning(workshop):
@@ -183,10 +183,10 @@ def test_a_support_that_settles_by_hand(workshop, held):
         z = f[f"cases/{name}/displacement"][:, 2]
         assert z == pytest.approx([top - sags, top - sags - stretch], rel=1e-8)
         assert f[f"cases/{name}/tension"][0] == pytest.approx(5000.0, rel=1e-9)
-    told = reaction_columns(f)
-    mine = (told["node"] == 7) & ~np.isin(told["stage"], ["as given", "permanent loads"])
-    assert told["force_z"][mine] == pytest.approx(-5000.0, rel=1e-8)  # on a foot that settled as well
-    assert told["foundation_z"][mine] == pytest.approx(-5000.0, rel=1e-8)
+    reactions = reaction_columns(f)
+    rows = (reactions["node"] == 7) & ~np.isin(reactions["stage"], ["as given", "permanent loads"])
+    assert reactions["force_z"][rows] == pytest.approx(-5000.0, rel=1e-8)  # on a foot that settled as well
+    assert reactions["foundation_z"][rows] == pytest.approx(-5000.0, rel=1e-8)
 
 
 def test_a_settlement_of_two_cables_by_hand(workshop):
@@ -261,13 +261,13 @@ def test_springs_carry_their_share_of_a_factor_of_the_prestress(workshop):
     text = STEEL + "[form_finding]\ntolerance = 1e-9\n" + LOAD.replace("dead = 100.0\n", "")
     text += combination("low", "prestress = 0.8, load = 1.0")
     text += combination("none", "permanent = 0, prestress = 0.8")
-    found = workshop.solve(text, nodes, "id,start,end\n1,1,5\n2,2,5\n3,3,5\n4,4,5\n")
+    f = workshop.solve(text, nodes, "id,start,end\n1,1,5\n2,2,5\n3,3,5\n4,4,5\n")
     export(workshop.folder / "result.vtkhdf", workshop.folder / "again.csv", lambda line: None)
     again = workshop.run(workshop.folder / "again.csv" / "job.toml", output="again.vtkhdf")
     for name in ("low", "none"):
-        assert apart(again[f"cases/{name}"], found[f"cases/{name}"]) <= 1e-9  # to rounding
+        assert apart(again[f"cases/{name}"], f[f"cases/{name}"]) <= 1e-9  # to rounding
     assert np.abs(again["cases/none/displacement"][:]).max() < 1e-8  # without loads the form stays
-    assert again["cases/none/tension"][:] == pytest.approx(0.8 * found["form_finding/tension"][:], rel=1e-6)
+    assert again["cases/none/tension"][:] == pytest.approx(0.8 * f["form_finding/tension"][:], rel=1e-6)
 
 
 WRONG = [
@@ -343,8 +343,8 @@ def test_three_overloaded_cases_of_ten_leave_seven(workshop):
     """With strengths the run ends with 0, names the cases without equilibrium, and stores the others."""
     strong = SADDLE.replace("[form_finding]", "breaking_load = 6e5\n[form_finding]")
     job = workshop.job(strong + LOAD + "stop_at_strength = true\n" + TEN.replace("600.0}", "6000.0}"))
-    said = workshop.printed(job)
-    assert len(re.findall(r"^warning: (?:case|combination) .*\[W623\]$", said, re.M)) == 3
+    output = workshop.printed(job)
+    assert len(re.findall(r"^warning: (?:case|combination) .*\[W623\]$", output, re.M)) == 3
     f = workshop.open()
     states = {name: f["cases"][name].attrs["state"] for name in f["cases"].attrs["order"]}
     overloaded = ["6", "c2", "c4"]
@@ -363,8 +363,8 @@ def test_no_element_breaks_in_statics_without_the_key_breaking(workshop):
     strong = SADDLE.replace("[form_finding]", "breaking_load = 2e5\n[form_finding]")
     snow = "snow = 3000.0\nsteps = 1\n"
     f = workshop.solve(SADDLE + LOAD + snow)
-    said = workshop.printed(workshop.job(strong + LOAD + snow), output="strong.vtkhdf")
-    assert "strength exceeded. No element breaks in this static equilibrium" in said
+    output = workshop.printed(workshop.job(strong + LOAD + snow), output="strong.vtkhdf")
+    assert "strength exceeded. No element breaks in this static equilibrium" in output
     g = workshop.open("strong.vtkhdf")
     assert f["statics/tension"][-1].max() > 2e5
     assert np.array_equal(f["statics/tension"][:], g["statics/tension"][:])
@@ -385,8 +385,8 @@ def test_a_pause_among_combinations_changes_no_bit(workshop, looks):
     """The run stops at a correction and resumes on two ranks with the factors of the permanent state."""
     job = workshop.job(NEIGHBOURS)
     whole = workshop.run(job, output="whole.vtkhdf")
-    checkpoint, said = workshop.pause(job, looks)
-    assert re.search(r"in statics, (case|combination) ", said)
+    checkpoint, message = workshop.pause(job, looks)
+    assert re.search(r"in statics, (case|combination) ", message)
     assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))
 
 
@@ -402,10 +402,10 @@ def test_a_case_that_is_relaxed_does_not_depend_on_the_other_cases(workshop, mon
     for name, load in ("small", 1e3), ("large", 3e5):
         (workshop.folder / f"{name}.csv").write_text(f"node,load_x\n2,{load}\n")
         cases.append(case(name, f'load_table = "{name}.csv"'))
-    found = []
+    results = []
     for order in cases, cases[::-1]:
         f = workshop.run_here(workshop.job(text + "".join(order), nodes, "start,end\n1,2\n2,3\n"))
-        found.append(f["cases/small/displacement"][:])
+        results.append(f["cases/small/displacement"][:])
         assert f["cases/small/relaxed"][()]
         f.close()
-    assert np.array_equal(*found)
+    assert np.array_equal(*results)

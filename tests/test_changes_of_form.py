@@ -162,8 +162,8 @@ def test_final_reactions_are_those_of_attached_elements(original):
     pull = np.where(plain.spring > 0, plain.spring * (plain.x - plain.start), np.where(plain.free, 0.0, pull))
     rows = reaction_columns(original)
     last = np.flatnonzero([name.startswith("final") for name in rows["stage"]])
-    found = np.column_stack([rows[f"force_{axis}"][last] for axis in "xyz"])
-    assert np.abs(found - pull[rows["node"][last]]).max() <= 1e-7 * np.abs(pull).max()  # N, of kN of springs
+    forces = np.column_stack([rows[f"force_{axis}"][last] for axis in "xyz"])
+    assert np.abs(forces - pull[rows["node"][last]]).max() <= 1e-7 * np.abs(pull).max()  # N, of kN of springs
 
 
 # --- losses, panels, cases
@@ -319,13 +319,13 @@ def test_a_roof_without_equilibrium_counts_as_detached():
         "detached_area": np.array([0.2, 0.1, 0.3]),
         "broken": np.array([3, 1, 0]),
     }
-    found = losses_of(SimpleNamespace(samples=samples, finished=samples["state"] == "finished"))
-    assert found.name.tolist() == ["7", "9"] and found.detached_area.tolist() == [1.0, 0.3]
-    assert found.no_equilibrium.tolist() == [1, 0] and found.broken.tolist() == [3.0, 0.0]
+    losses = losses_of(SimpleNamespace(samples=samples, finished=samples["state"] == "finished"))
+    assert losses.name.tolist() == ["7", "9"] and losses.detached_area.tolist() == [1.0, 0.3]
+    assert losses.no_equilibrium.tolist() == [1, 0] and losses.broken.tolist() == [3.0, 0.0]
     samples["equilibrium_after_removal"] = np.array(["breaks", "", "unstable"])
-    found = losses_of(SimpleNamespace(samples=samples, finished=samples["state"] == "finished"))
-    assert found.no_equilibrium.tolist() == [1, 1] and found.detached_area.tolist() == [1.0, 0.3]
-    assert found.not_stable.tolist() == [0, 1] and found.breaking.tolist() == [1, 0]
+    losses = losses_of(SimpleNamespace(samples=samples, finished=samples["state"] == "finished"))
+    assert losses.no_equilibrium.tolist() == [1, 1] and losses.detached_area.tolist() == [1.0, 0.3]
+    assert losses.not_stable.tolist() == [0, 1] and losses.breaking.tolist() == [1, 0]
 
 
 def test_asymmetric_results_of_symmetric_removals_are_named(capsys):
@@ -343,9 +343,9 @@ def test_asymmetric_results_of_symmetric_removals_are_named(capsys):
     study = SimpleNamespace(samples=samples, finished=np.ones(4, bool), net=net, removes="")
     assert asymmetric_pair(study, losses_of(study)) == (0, 1)
     _losses(study, print)
-    told = capsys.readouterr().out
-    assert "after one 3 elements (removal of 1) break, after the other 5 elements (removal of 2)" in told
-    assert "All of them have the same gusts" in told and "use the mean wind" in told
+    output = capsys.readouterr().out
+    assert "after one 3 elements (removal of 1) break, after the other 5 elements (removal of 2)" in output
+    assert "All of them have the same gusts" in output and "use the mean wind" in output
     samples["gusts"][:] = 0
     assert asymmetric_pair(study, losses_of(study)) is None
     samples |= {"gusts": np.ones(4, int), "wind.seed": np.array([1, 2, 1, 2])}
@@ -379,10 +379,10 @@ def test_a_table_of_speeds_begins_at_its_mean():
     rows = [(-0.5, 10.0), (0.5, 30.0), (4.0, 18.0)]
     samples = [(time, np.array([speed])) for time, speed in rows]
     of = SimpleNamespace(mean_gust=np.array([20.0]), recursion=None, sample=samples.__getitem__)
-    grown, found = GrowingGusts(of, 2.0), []
+    grown, speeds = GrowingGusts(of, 2.0), []
     for _ in rows:
-        found += [(t, float(u[0])) for t, u in grown.next()]
-    time, speed = np.transpose(found)
+        speeds += [(t, float(u[0])) for t, u in grown.next()]
+    time, speed = np.transpose(speeds)
     share = 0.5 * (1 - np.cos(np.pi * np.clip(time, 0, 2) / 2))
     given = np.interp(time, *np.transpose(rows))
     assert speed == pytest.approx(20.0 + share * (given - 20.0), rel=1e-12) and len(time) > 16

@@ -67,10 +67,10 @@ def test_results_with_other_suffixes_have_separate_checkpoints(workshop):
     names = ("a", "a.h5", "a.vtkhdf")
     for name in names:
         workshop.run(job, *AT_ONCE, output=name, code=4)
-    found = [checkpoint_path(workshop.folder / name, 5, 0) for name in names]
-    assert all(path.exists() for path in found) and len(set(found)) == 3
-    assert found[2].name == "a.checkpoint-5-000000000000.h5"
-    for name, checkpoint in zip(names, found):
+    paths = [checkpoint_path(workshop.folder / name, 5, 0) for name in names]
+    assert all(path.exists() for path in paths) and len(set(paths)) == 3
+    assert paths[2].name == "a.checkpoint-5-000000000000.h5"
+    for name, checkpoint in zip(names, paths):
         workshop.run(job, "--restart", checkpoint, output=name).close()
 
 

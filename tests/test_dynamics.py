@@ -127,11 +127,11 @@ def test_divergence_names_the_last_good_checkpoint(workshop, monkeypatch):
     monkeypatch.setattr(dynamics.Simulation, "advance_block", broken)
     with pytest.raises(DivergedError) as raised:
         workshop.run_here(job)
-    kept = sorted(workshop.folder.glob("*checkpoint*"))
+    checkpoints = sorted(workshop.folder.glob("*checkpoint*"))
     message = str(raised.value)
-    for words in ("diverged at t = 0.06", "fastest node 2", "element", str(kept[-1])):
+    for words in ("diverged at t = 0.06", "fastest node 2", "element", str(checkpoints[-1])):
         assert words in message
-    for path in kept:
+    for path in checkpoints:
         with h5py.File(path) as file:
             assert np.isfinite(file["particles/v"][()]).all()
 

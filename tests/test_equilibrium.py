@@ -33,7 +33,7 @@ SADDLE = saddle("{cable}\n", "{cells}", 1, 1800e3, side=73.2, rise=3.66, section
 SADDLE += "[load]\nself_weight = true\npressure = {pressure}\nsteps = 2\n"
 EA = 1.95e11 * 3600e-6
 AREA_LOAD = 2000.0
-LEFT = 1e-4  # N, of some 1e6: what the reference leaves of equilibrium
+LEFT = 1e-4  # N, of some 1e6: residual of the reference
 
 
 def errors(f: h5py.File, pressure, yield_force=np.inf) -> tuple[float, float, int]:
@@ -68,10 +68,10 @@ def test_the_estimated_error_of_an_equilibrium_holds(workshop, cells, case):
     pressure = [each * cells / 8 for each in pressure]  # so that each cable carries the same
     f = workshop.solve(SADDLE.format(cells=cells, cable=cable, pressure=pressure))
     moved, tension, slack = errors(f, pressure, yield_force)
-    told = f["statics/displacement_error"][-1], f["statics/tension_error"][-1]
-    assert max(told) <= 1e-6
+    estimates = f["statics/displacement_error"][-1], f["statics/tension_error"][-1]
+    assert max(estimates) <= 1e-6
     # an estimate, good to a factor of two; 1e-8: the reference's own rounding, and what yields or slackens
-    assert moved <= max(2 * told[0], 1e-8) and tension <= max(2 * told[1], 1e-8)
+    assert moved <= max(2 * estimates[0], 1e-8) and tension <= max(2 * estimates[1], 1e-8)
     assert (slack > 0) == (case == "slack")
     assert f["statics/stable"][:].all()
 
@@ -105,10 +105,10 @@ def test_a_strut_without_lateral_support_is_a_warning(workshop, share, stable):
     """
     nodes = "id,x,y,z,fixed,load_z\n" + f"1,0,0,0,1,0\n2,0,-5,3,1,0\n3,0,5,3,1,0\n4,0,0,3,0,{-12e3 * share}\n"
     elements = "start,end,group\n1,4,strut\n2,4,tie\n4,3,tie\n"
-    said, f = workshop.printed(workshop.job(STRUT, nodes, elements)), workshop.open()
+    output, f = workshop.printed(workshop.job(STRUT, nodes, elements)), workshop.open()
     assert bool(f["statics/stable"][-1]) == stable
     assert f["statics/tension"][-1][0] == pytest.approx(-12e3 * share, rel=1e-3)  # ties take a little
-    assert ("warning: statics: unstable equilibrium" in said and "node 4" in said) != stable
+    assert ("warning: statics: unstable equilibrium" in output and "node 4" in output) != stable
 
 
 class Statics:
@@ -140,18 +140,18 @@ class Statics:
 def test_a_large_load_needs_no_relaxation(workshop, monkeypatch, cable):
     """Under twelve times the load cables are slack. The interior point method finds the right equilibrium."""
     monkeypatch.setattr(solver, "relax", None)
-    found = Statics(workshop.job(SADDLE.format(cells=24, cable=cable, pressure=[0.0, 0.0, 36 * AREA_LOAD])))
-    found.find()
-    assert max(found.off()) < 1e-6 and found.path.steps[-1]["slack"] > 0
+    statics = Statics(workshop.job(SADDLE.format(cells=24, cable=cable, pressure=[0.0, 0.0, 36 * AREA_LOAD])))
+    statics.find()
+    assert max(statics.off()) < 1e-6 and statics.path.steps[-1]["slack"] > 0
 
 
 def test_relaxation_replaces_methods_that_fail(workshop, monkeypatch):
     """If the interior point method fails, the positions are restored and relaxation finds the equilibrium."""
     job = workshop.job(SADDLE.format(cells=24, cable="", pressure=[0.0, 0.0, 36 * AREA_LOAD]))
     monkeypatch.setattr(interior_point, "MOST_STEPS", 3)
-    found = Statics(job)
-    found.find()
-    assert found.path.steps[1]["iterations"] > 300 and max(found.off()) < 1e-6
+    statics = Statics(job)
+    statics.find()
+    assert statics.path.steps[1]["iterations"] > 300 and max(statics.off()) < 1e-6
 
 
 HUNG = """
@@ -169,9 +169,10 @@ SUPPORTS, SIDE, EA_HUNG, YIELD = 10.0, 12.0, 2e8, 1e6
 
 
 def hung(workshop, strain, yields):
-    """Return Newton's method for two cables that hang slack between supports and a third slack one. 12 m each
-    span 20 m, and 1.2 MN act where they meet. Also returns the state and the depth of that node by hand: 2 N
-    sin(slope) = P, with N = N_y if they yield, else with the L that carries N.
+    """Return Newton's method for two slack cables between supports and a third slack one.
+
+    12 m each span 20 m, and 1.2 MN act where they meet. Also returns the state and the depth of that node by
+    hand: 2 N sin(slope) = P, with N = N_y if they yield, otherwise with the L that carries N.
     """
     P = 1.2e6
     nodes = f"id,x,y,z,fixed,load_z\n1,-10,0,0,1,0\n2,10,0,0,1,0\n3,1,0,-1,0,{-P}\n4,0,0,-40,1,0\n"
@@ -219,8 +220,8 @@ def test_a_start_far_from_a_slack_equilibrium_needs_no_relaxation(workshop, monk
         with monkeypatch.context() as only:
             if steps:
                 only.setattr(solver, "relax", None)
-            found = scene.finder.find(load, solver.Criterion(tolerance, 80e3, 1_000_000, "weight"))
-        errors_told.append((found.displacement_error, found.tension_error))
+            result = scene.finder.find(load, solver.Criterion(tolerance, 80e3, 1_000_000, "weight"))
+        errors_told.append((result.displacement_error, result.tension_error))
         states.append((scene.state.x.copy(), scene.state.present_element_state().N))
     (x, N), (rest, exact) = states
     far = np.linalg.norm(rest - scene.state.x_start, axis=1).max()
@@ -239,11 +240,11 @@ def given(workshop, cells):
 def test_newtons_method_stops_early_far_from_equilibrium(workshop, monkeypatch):
     """If another method is better, the first correction that is too long by half is the last one."""
     method, state = given(workshop, 8)
-    gone, go = [], method.go
-    monkeypatch.setattr(method, "go", lambda *to: gone.append(go(*to)) or gone[-1])
+    shares, go = [], method.go
+    monkeypatch.setattr(method, "go", lambda *to: shares.append(go(*to)) or shares[-1])
     with pytest.raises(NoConvergence):
         method.find(1e-6, state.x_start, quick=True)
-    assert [part < newton.LARGE_SHARE for part in gone] == [False] * (len(gone) - 1) + [True]
+    assert [part < newton.LARGE_SHARE for part in shares] == [False] * (len(shares) - 1) + [True]
 
 
 @pytest.mark.filterwarnings("error")
@@ -270,27 +271,27 @@ def test_the_share_of_a_correction_that_never_helps_is_that_of_the_positions():
 def test_yielding_cables_need_no_relaxation(workshop, monkeypatch):
     """Cables flow until the saddle has moved by a third of its span; the equilibrium is right."""
     text = SADDLE.format(cells=12, cable="yield_stress = 0.75e9\n", pressure=[0.0, 0.0, 9 * AREA_LOAD])
-    found = Statics(workshop.job(text))
+    statics = Statics(workshop.job(text))
     monkeypatch.setattr(solver, "relax", None)
-    found.find()
-    assert max(found.off(0.75e9 * 3600e-6)) < 1e-6 and np.abs(found.scene.state.eps_p).max() > 0.1
+    statics.find()
+    assert max(statics.off(0.75e9 * 3600e-6)) < 1e-6 and np.abs(statics.scene.state.eps_p).max() > 0.1
 
 
 def test_check_estimates_the_time_of_near_and_far_equilibria(workshop, monkeypatch):
     """The estimate is the time of one correction, nine times as much if cables go slack, or unknown."""
     monkeypatch.setattr(check, "MIN_LARGE_NET", 0)
-    told = {}
+    estimates = {}
     for times, cable in ((1, ""), (12, ""), (12, "yield_stress = 0.75e9\n")):
         text = SADDLE.format(cells=24, cable=cable, pressure=[0.0, 0.0, 3 * times * AREA_LOAD])
         lines = []
         check_job(read_job(workshop.job(text)), lines.append)
-        line = told[times, cable] = next(line for line in lines if "expected run time" in line)
+        line = estimates[times, cable] = next(line for line in lines if "expected run time" in line)
         seconds = float(re.search(r"equilibria ([0-9.]+) s", line)[1])
-        # 1,104 elements: three that are near, or the permanent loads' and two that are far; two digits told
+        # 1,104 elements: three near ones, or permanent loads and two far ones; two digits are printed
         each = 3 * 4.5e-6 if times == 1 else 4.5e-6 + 2 * 4e-5
         assert seconds == pytest.approx(1104 * each, rel=0.05)
         assert ("a third to five times" in line) == (times == 12)
-    assert ["a load without equilibrium" in line for line in told.values()] == [False, False, True]
+    assert ["a load without equilibrium" in line for line in estimates.values()] == [False, False, True]
 
 
 def hung_wheel(monkeypatch):
@@ -316,8 +317,8 @@ def hung_wheel(monkeypatch):
 def test_the_error_without_a_tangent_is_within_the_tolerance(monkeypatch):
     """Relaxation goes to tenths of the residual until the error is stable. Reference: a tighter tolerance."""
     state, find = hung_wheel(monkeypatch)
-    found = find(1e-6)
-    assert found.relaxed and found.unstable_at == newton.UNKNOWN and found.error <= 1e-6
+    result = find(1e-6)
+    assert result.relaxed and result.unstable_at == newton.UNKNOWN and result.error <= 1e-6
     x = state.x.copy()
     find(1e-9)
     assert np.abs(state.x - x).max() < 1e-6 * np.abs(state.x - state.x_start).max()

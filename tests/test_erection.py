@@ -10,7 +10,7 @@ from conftest import ROOT, assert_same_results, lines_with, run_on_standing_rank
 from mpi4py import MPI
 from nets import bare_saddle, stage
 from PIL import Image
-from processors import digest, kept
+from processors import digest, stored_digests
 from scipy.optimize import fsolve
 
 from netfall.core.errors import DivergedError
@@ -54,7 +54,7 @@ def target(force: float) -> str:
     return f'[[target]]\ngroup = "stay"\nforce = {force}\nadjust = "right"\n'
 
 
-def hanging(lengths=None, force=None, foot=SPAN, near=None):
+def hanging(lengths=None, force=None, foot=SPAN, middle=None):
     """Return node (x, z) [m] and forces of two cables with a weight; the right one has a length or force."""
 
     def forces(at):
@@ -72,7 +72,7 @@ def hanging(lengths=None, force=None, foot=SPAN, near=None):
             -(left * z / long[0] + right * z / long[1]) / WEIGHT - 1,
         )
 
-    at = fsolve(balance, near or (4.5, -2.0 if force is None else -0.4), xtol=1e-13)
+    at = fsolve(balance, middle or (4.5, -2.0 if force is None else -0.4), xtol=1e-13)
     return at, forces(at)[0]
 
 
@@ -118,7 +118,7 @@ def test_a_slack_cable_is_pulled_to_a_force(workshop):
     with workshop.solve(CABLES + stages + PULLED_TAUT, NODES, TWO) as f:
         assert f["stages/slack/tension"][:] == pytest.approx([WEIGHT, 0.0], rel=FOUND)  # upright on one cable
         assert f["stages/pulled/tension"][1] == pytest.approx(300.0, rel=FOUND)
-        left = hanging((5.0, None), 300.0, near=(1.5, -4.7))[1][0]
+        left = hanging((5.0, None), 300.0, middle=(1.5, -4.7))[1][0]
         assert f["stages/pulled/tension"][0] == pytest.approx(left, rel=FOUND)
 
 
@@ -193,8 +193,8 @@ def test_statics_start_from_the_last_stage(workshop):
         assert np.abs(f["statics/displacement"][-1]).max() < FOUND * 5  # under the weight, as in the stages
         assert f["statics/tension"][-1] == pytest.approx(f["stages/free/tension"][:], rel=FOUND)
         assert f["net/unstressed_length"][:].tolist() == [6.0, 5.0]
-    told = "its displacement [m] and components from the last stage of erection"
-    assert told in workshop.report().page
+    sentence = "its displacement [m] and components from the last stage of erection"
+    assert sentence in workshop.report().page
 
 
 def test_removed_elements_are_not_slack_and_released_supports_do_not_settle(workshop):
@@ -208,8 +208,8 @@ def test_removed_elements_are_not_slack_and_released_supports_do_not_settle(work
         slack = compute_envelope(f, np.ones(3)).slack[1:]  # without the load, two cables hang loose
         assert slack.tolist() == [[False] * 3, [True, True, False], [False] * 3]
         assert count_slack_cables(f, read_cases(f)) == [0]
-    told = run_on_standing_ranks("export", path, "-o", workshop.folder / "net.json")
-    assert "element 3 out of the net by then: no edges" in told.stdout
+    process = run_on_standing_ranks("export", path, "-o", workshop.folder / "net.json")
+    assert "element 3 out of the net by then: no edges" in process.stdout
     text += stage("loose", hold="[3]", release="[2]")
     done = workshop.solve(CABLES + text + cases, NODES, elements, code=2)
     assert "settlement: node 2: released in a [[stage]]" in done.stderr
@@ -223,13 +223,13 @@ def test_a_removed_prop_limits_no_step_and_gets_no_mass(workshop, cable, dynamic
     pairs = "start,end,group\n" + "".join(f"{k},{k + 1},rope\n" for k in range(4))
     text = f"{CABLES}prestress = 1e4\n{cable}[dynamics]\nduration = 0.1\n{dynamics}"
     prop = '[group.prop]\nkind = "bar"\narea = 5e-2\nprestress = 0.0\n' + stage("struck", active=["rope"])
-    told = []
+    outputs = []
     for more, node, pair in (("", "", ""), (prop, "9,4,0,-1,1,1,1\n", "2,9,prop\n")):
         lines = workshop.check(workshop.job(text + more, nodes + node, pairs + pair)).splitlines()
         known = ("stable step", "steps:", "mass scaling:")
         lines = [line for line in lines if line.startswith(known)]
-        told.append([re.sub(r"of \d+ particles|, set by.*", "", line) for line in lines])
-    assert told[0] == told[1] and len(told[0]) == 4
+        outputs.append([re.sub(r"of \d+ particles|, set by.*", "", line) for line in lines])
+    assert outputs[0] == outputs[1] and len(outputs[0]) == 4
 
 
 def test_the_removal_of_an_absent_element_is_a_note(workshop):
@@ -239,8 +239,8 @@ def test_the_removal_of_an_absent_element_is_a_note(workshop):
     text += stage("struck", active=["rope"]) + "[dynamics]\nduration = 0.1\n"
     text += "[[remove]]\nelements = [7, 8]\ntime = 0.05\n[[remove]]\nelements = [9]\ntime = 0.06\n"
     job = workshop.job(text, nodes, "id,start,end,group\n7,1,2,rope\n8,2,4,prop\n9,2,3,rope\n")
-    told = lines_with("[[remove]]", "check", job)
-    assert told == [
+    notes = lines_with("[[remove]]", "check", job)
+    assert notes == [
         "note: [[remove]] 1: no effect on element 8, which a stage of erection removed. [N333]",
     ]
 
@@ -261,11 +261,11 @@ def test_a_removed_prop_holds_nothing_and_is_not_used(workshop):
         assert (one[1] == f["final/position"][:2]).all()
     nodes = nodes.replace("2,0,0,-3,0,0,0", f"2,0,0,-3,0,-{WEIGHT},100")
     lost = "[dynamics]\nduration = 0.1\n[[remove]]\nelements = [0]\ntime = 0.05\n"
-    told = workshop.printed(workshop.job(text + prop + lost, nodes, elements))
-    assert "warning: the net without element 0: no equilibrium: a part is connected to no support" in told
+    output = workshop.printed(workshop.job(text + prop + lost, nodes, elements))
+    assert "warning: the net without element 0: no equilibrium: a part is connected to no support" in output
     job = workshop.job(text + prop + COLD_CASE, nodes, elements)
-    found = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache(1))
-    assert found["utilisation_before_break"] == pytest.approx(WEIGHT / EA / 0.01, rel=FOUND)
+    outcomes = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache(1))
+    assert outcomes["utilisation_before_break"] == pytest.approx(WEIGHT / EA / 0.01, rel=FOUND)
 
 
 def test_the_loads_of_nodes_of_a_removed_prop_disappear(workshop):
@@ -284,13 +284,13 @@ def test_a_start_under_the_loads_of_the_last_stage_is_in_equilibrium(workshop):
     """No warning of a rope 1 cm too short; at another temperature a slack rope leaves a residual."""
     text = CABLES + "[load]\nself_weight = false\ntemperature = WARM\n[dynamics]\nduration = 0.1\n"
     text += stage("cold", set='{"load.temperature" = 0.0}')
-    told = []
+    warnings = []
     for warm in ("0.0", "1e3"):
         job = workshop.job(text.replace("WARM", warm), NODES, TWO.replace("left,5", "left,4.99"))
-        told.append([line for line in workshop.check(job).splitlines() if "not in equilibrium" in line])
+        warnings.append([line for line in workshop.check(job).splitlines() if "not in equilibrium" in line])
     start = "warning: start: not in equilibrium: largest residual "
-    assert told[0] == [] and len(told[1]) == 1
-    assert told[1][0].startswith(f"{start}{WEIGHT / 1e3:.3g} kN, largest tension 0 kN. ")
+    assert warnings[0] == [] and len(warnings[1]) == 1
+    assert warnings[1][0].startswith(f"{start}{WEIGHT / 1e3:.3g} kN, largest tension 0 kN. ")
     # the same of a net with a form
     form = "[form_finding]\nmodulus_factor = 0\n" + text.replace("WARM", "0.0")
     form += stage("more", set='{"load.dead" = 10.0}', lengths="{right = {change = -0.01}}")
@@ -319,8 +319,8 @@ def test_loads_that_end_with_the_last_stage_are_a_warning(workshop, last, load, 
     (workshop.folder / "t.csv").write_text("node,load_z\n3,-100.0\n")
     first = stage("rope", set='{"load.dead" = 0.0}', load_table='"t.csv"') + stage("roof", **last)
     job = workshop.job(f"{CABLES}[load]\n{load}{first}", ROOFED, TWO)
-    found = lines_with("[W663]", "check", job)
-    assert [line.split(": ")[2] for line in found] == [keys] * bool(keys)
+    warnings = lines_with("[W663]", "check", job)
+    assert [line.split(": ")[2] for line in warnings] == [keys] * bool(keys)
 
 
 def test_an_element_of_one_stage_has_the_forces_of_that_stage(workshop):
@@ -366,10 +366,10 @@ TIED = (  # the V under a weight, tied to a second weight that is held above
 def test_the_motion_in_form_finding_excludes_that_of_stages(workshop):
     """The last stage releases a node, which falls by metres. Form finding moved the other, to 30 degrees."""
     text = CABLES + "[form_finding]\nmodulus_factor = 0\n" + stage("free", release="[4]")
-    said = workshop.printed(workshop.job(text, *TIED))
-    (line,) = (line for line in said.splitlines() if line.startswith("form: "))
-    told = re.match(r"form: nodes moved by up to ([\d.]+) mm \(node 3\), ([\d.]+) mm on average", line)
-    assert told[1] == told[2] == f"{1e3 * (3 + 4 / 3**0.5):.4g}"
+    output = workshop.printed(workshop.job(text, *TIED))
+    (line,) = (line for line in output.splitlines() if line.startswith("form: "))
+    match = re.match(r"form: nodes moved by up to ([\d.]+) mm \(node 3\), ([\d.]+) mm on average", line)
+    assert match[1] == match[2] == f"{1e3 * (3 + 4 / 3**0.5):.4g}"
     assert line in workshop.info().splitlines()
 
 
@@ -415,9 +415,9 @@ def test_elements_of_some_stages_are_shown_only_there(workshop, monkeypatch):
         with monkeypatch.context() as patched:
             ends, limits = [], force.limits
             patched.setattr(force, "limits", lambda N, at: ends.append(at) or limits(N, at))
-            ((film, told), (motion, _)) = animate(Path(f.filename), workshop.folder, "gif")
+            ((film, description), (motion, _)) = animate(Path(f.filename), workshop.folder, "gif")
             assert ends == [force.OF_EQUILIBRIA] * 2 + [force.OF_MOTION] * 2  # tension and compression
-        assert told.startswith("2 frames at 1 a second: 2 s for 2 stages of erection")
+        assert description.startswith("2 frames at 1 a second: 2 s for 2 stages of erection")
         with Image.open(film) as shown:
             assert motion.exists() and shown.n_frames == 2
 
@@ -437,21 +437,21 @@ def wheel(shared_workshop):
 
 def test_the_lifted_shipped_wheel_has_the_form_found_directly(wheel, workshop):
     """Ring forces grow from stage to stage. The last has the forces of the wheel under its weight."""
-    told, f = wheel
-    assert digest(f.filename) == kept()["wheel_erection"]  # as of other shipped jobs: test_processors.py
-    with workshop.solve(DIRECT + '[[case]]\nname = "weight"\nset = {"load.snow" = 0.0}\n') as found:
-        expected, sunk = found["cases/weight/tension"][:], found["cases/weight/displacement"][:]
+    text, f = wheel
+    assert digest(f.filename) == stored_digests()["wheel_erection"]  # others: test_processors.py
+    with workshop.solve(DIRECT + '[[case]]\nname = "weight"\nset = {"load.snow" = 0.0}\n') as direct:
+        expected, sunk = direct["cases/weight/tension"][:], direct["cases/weight/displacement"][:]
     names = f["net/group_names"].asstr()[:].tolist()
     stages = [f[f"stages/lift {k}"] for k in range(1, 9)]
     N, x = stages[-1]["tension"][:], stages[-1]["displacement"][:]
     assert np.abs(N - expected).max() < FOUND * np.abs(expected).max()
     assert np.abs(x - sunk).max() < FOUND
     for name, sign in (("ring_outer", -1), ("ring_lower", 1), ("ring_upper", 1)):
-        there = f["net/group"][:] == names.index(name)
-        forces = np.array([sign * each["tension"][:][there].mean() for each in stages])
+        in_group = f["net/group"][:] == names.index(name)
+        forces = np.array([sign * each["tension"][:][in_group].mean() for each in stages])
         assert (np.diff(forces) >= 0).all() and forces[-1] > 2 * forces[3]
     assert not stages[0]["stable"][()] and stages[-1]["stable"][()]  # struts without bending tip over
-    assert "stage lift 1: estimated error" in told and "warning: stage lift 1: unstable equilibrium" in told
+    assert "stage lift 1: estimated error" in text and "warning: stage lift 1: unstable equilibrium" in text
 
 
 def test_lowering_the_wheel_reverses_its_lifting(wheel, workshop):
@@ -544,8 +544,8 @@ def test_a_stop_counts_the_slips_of_all_stages(workshop):
             [0, expected, 100], rel=3e-3, abs=1e-3
         )
     assert f["slide/slip"][-1] == pytest.approx(f["slide/slip"][0], abs=1e-3)
-    checkpoint, told = workshop.pause(job, 2)
-    assert "in stage second" in told
+    checkpoint, message = workshop.pause(job, 2)
+    assert "in stage second" in message
     assert_same_results(f, workshop.run(job, "--restart", checkpoint, ranks=2))
 
 
@@ -569,8 +569,8 @@ def test_a_paused_erection_resumes_at_its_stage(workshop, net, looks):
     """It has the bits of an erection without pause; statics follow."""
     job = workshop.job(*net)
     whole = workshop.run(job, output="whole.vtkhdf")
-    checkpoint, said = workshop.pause(job, looks)
-    assert re.search("in stage .*, which the resumed run repeats", said)
+    checkpoint, message = workshop.pause(job, looks)
+    assert re.search("in stage .*, which the resumed run repeats", message)
     assert assert_same_results(whole, workshop.run_here(job, restart=checkpoint)) > 20
 
 
@@ -614,8 +614,8 @@ def test_three_hoops_get_their_forces_by_three_diagonals(shared_workshop):
         text += stage(f"{name} -", lengths=f"{{{name} = {{change = {-2 * h}}}}}")
         text += stage(f"{name} 0", lengths=f"{{{name} = {{change = {h}}}}}")
     text = text.replace("self_weight = true", "self_weight = true\ntolerance = 1e-10")
-    said = shared_workshop.printed(shared_workshop.job(text, name="targets"), output="targets.vtkhdf")
-    line = next(line for line in said.splitlines() if line.startswith("targets: reached in"))
+    output = shared_workshop.printed(shared_workshop.job(text, name="targets"), output="targets.vtkhdf")
+    line = next(line for line in output.splitlines() if line.startswith("targets: reached in"))
     assert int(line.split()[3]) <= 15
     with shared_workshop.open("targets.vtkhdf") as f:
         names = f["net/group_names"].asstr()[:].tolist()
@@ -646,7 +646,7 @@ def test_a_node_reaches_its_target_height(workshop):
 
 CROSS = "id,x,y,z,fixed\n1,-10,0,2,1\n2,10,0,2,1\n3,0,-10,0,1\n4,0,10,0,1\n5,0,0,1,0\n"
 ERRORS = np.array([0.004, 0.0, -0.003, 0.0])  # m
-RECOVERED = 2e-6  # m: FOUND of the forces, over EA / L of four cables that give way together
+RECOVERED = 2e-6  # m: FOUND of the forces, over EA / L of four cables that stretch together
 
 
 def four(column, values):
@@ -679,8 +679,8 @@ def test_a_given_geometry_with_targets_has_a_form(workshop):
         assert N[2] == pytest.approx(2e4, rel=FOUND)
         assert np.abs(sum_end_forces(x, f["net/elements"][:], N)[2]).max() < FOUND * 2e4
         assert np.abs(x[2] - [4, 0, -3]).max() > 0.05
-        there = x + f["statics/displacement"][-1]
-        assert np.abs(there - f["VTKHDF/Points"][-len(x) :]).max() < 1e-6  # single precision
+        form = x + f["statics/displacement"][-1]
+        assert np.abs(form - f["VTKHDF/Points"][-len(x) :]).max() < 1e-6  # single precision
 
 
 def test_targets_that_are_not_reached_leave_a_file(workshop):
@@ -736,8 +736,8 @@ def test_targets_that_are_not_reached_leave_a_file(workshop):
 )
 def test_wrong_input_is_named_with_its_place(workshop, text, words):
     """With the place in the job."""
-    said = workshop.solve(CABLES + text, NODES, TWO, code=2).stderr
-    assert any(word in said for word in words.split("|")), said
+    errors = workshop.solve(CABLES + text, NODES, TWO, code=2).stderr
+    assert any(word in errors for word in words.split("|")), errors
     assert not (workshop.folder / "result.vtkhdf").exists()
 
 
@@ -768,8 +768,8 @@ def test_an_unstable_form_has_no_linear_influence_of_errors(workshop):
     for (i, j), q in densities.items():
         force = q * np.linalg.norm(x[j - 1] - x[i - 1])
         elements += f"{i},{j},{'rope' if q > 0 else 'strut'}{j},{'cable' if q > 0 else 'bar'},{force}\n"
-    said = workshop.printed(workshop.job(SCATTERED.format(1e-5), nodes, elements))
-    assert "errors of length: the net is a mechanism or unstable" in said and "[W664]" in said
+    output = workshop.printed(workshop.job(SCATTERED.format(1e-5), nodes, elements))
+    assert "errors of length: the net is a mechanism or unstable" in output and "[W664]" in output
     with workshop.open() as f:
         assert np.isnan(f["deviation/tension_deviation"][:]).all()
         assert np.isnan(f["deviation/piece_effect"][:]).any()
@@ -878,15 +878,15 @@ def test_errors_of_length_of_a_net_as_given_leave_it_out_of_balance(workshop):
 def test_samples_that_differ_by_their_errors_share_the_influence_of_errors(workshop, monkeypatch):
     """It is computed once. Outcomes and files are those of single runs."""
     text = SCATTERED.format(0.002) + "[load]\nself_weight = true\n"
-    job, shared, found, count = workshop.job(text, *line_of_three()), ResultCache(2), [], []
+    job, shared, texts, count = workshop.job(text, *line_of_three()), ResultCache(2), [], []
     compute = tension._influence
     monkeypatch.setattr(tension, "_influence", lambda *given: count.append(1) or compute(*given))
     for name, memory in (("shared", shared), ("own", ResultCache())):
         for seed in (1, 2):
             read, path = partial(read_job, job, [f"cable.length_seed={seed}"]), f"{name}{seed}.vtkhdf"
             outcomes = run_sample(MPI.COMM_SELF, read, workshop.folder / path, memory)
-            found.append(repr({key: value for key, value in outcomes.items() if not key.endswith("seconds")}))
-    assert len(count) == 3 and found[:2] == found[2:] and found[0] != found[1]
+            texts.append(repr({key: value for key, value in outcomes.items() if not key.endswith("seconds")}))
+    assert len(count) == 3 and texts[:2] == texts[2:] and texts[0] != texts[1]
     for seed in (1, 2):
         with workshop.open(f"shared{seed}.vtkhdf") as one, workshop.open(f"own{seed}.vtkhdf") as other:
             assert_same_results(one, other)

@@ -60,8 +60,8 @@ def test_a_table_that_changed_after_the_run_is_a_warning(tmp_path):
     table = tmp_path / "lamp.csv"
     table.write_text("node,load_z\n5,-500\n")
     run(cross(load={"self_weight": True, "load_table": str(table)}), tmp_path / "c.vtkhdf")
-    told = "\n".join(written(tmp_path / "c.vtkhdf", tmp_path / "a.csv"))
-    assert "lamp.csv: copied from" in told and "W764" not in told
+    output = "\n".join(written(tmp_path / "c.vtkhdf", tmp_path / "a.csv"))
+    assert "lamp.csv: copied from" in output and "W764" not in output
     table.write_text("node,load_z\n5,-900\n")
     assert any("[W764]" in line for line in written(tmp_path / "c.vtkhdf", tmp_path / "b.csv"))
 
@@ -174,20 +174,20 @@ AGAIN = {
 def values_of(path, groups):
     """Return the datasets of some groups of a result by their names."""
     with netfall.open(path) as result:
-        found = {}
+        values = {}
         for group in groups:
             if group in result.file:
                 for name in contents(result.file[group]):
                     if "@" not in name:
-                        found[f"{group}/{name}"] = result.file[group][name][()]
-    return found
+                        values[f"{group}/{name}"] = result.file[group][name][()]
+    return values
 
 
 @pytest.mark.parametrize("name", AGAIN)
 def test_a_run_of_exported_tables_has_the_same_net_and_bits(tmp_path, name):
     """Columns, areas, strengths and equilibria are equal. A second export has equal files."""
     run(AGAIN[name], tmp_path / "first.vtkhdf")
-    told = written(tmp_path / "first.vtkhdf", tmp_path / "a")
+    lines = written(tmp_path / "first.vtkhdf", tmp_path / "a")
     run(tmp_path / "a" / "job.toml", tmp_path / "again.vtkhdf")
     told_again = written(tmp_path / "again.vtkhdf", tmp_path / "b")
     files = sorted(path.name for path in (tmp_path / "a").iterdir() if path.name != "README.txt")
@@ -195,13 +195,15 @@ def test_a_run_of_exported_tables_has_the_same_net_and_bits(tmp_path, name):
     for file in files:
         if file != "history.csv":  # names elements by their ids, of which parts have got their own
             assert (tmp_path / "b" / file).read_bytes() == (tmp_path / "a" / file).read_bytes(), file
-    digests = [line.split(",")[0] for line in told + told_again if line.startswith("digest of the net:")]
+    digests = [line.split(",")[0] for line in lines + told_again if line.startswith("digest of the net:")]
     assert len(digests) == 2 and digests[0] == digests[1]
     groups = ("net", "statics", "cases", "initial_state", "removal", "final", "envelope")
     first, again = (values_of(tmp_path / f"{run}.vtkhdf", groups) for run in ("first", "again"))
     assert first.keys() == again.keys()
     moved = {"net/particles", "net/element_id", "net/zone_names", "removal/element"}  # the form; parts' ids
-    moved.add("net/buckling_length")  # of cables too, which have no use for it; of bars /net/euler_load tells
+    moved.add(
+        "net/buckling_length"
+    )  # also of cables, where it has no effect; /net/euler_load shows it for bars
     for key in first.keys() - moved:
         assert np.array_equal(first[key], again[key], equal_nan=first[key].dtype.kind == "f"), key
     if name == "every column":
@@ -224,9 +226,9 @@ def test_rounding_does_not_change_exported_buckling_lengths(tmp_path, longer, is
     run({"net": net | {"fixed": [0, 1, 1, 1]}, "cable": cable}, tmp_path / "r.vtkhdf")
     with netfall.open(tmp_path / "r.vtkhdf") as result:
         assert len(set(result.file["net/buckling_length"][:].tolist())) > 1
-    told = written(tmp_path / "r.vtkhdf", tmp_path / "r.csv")
-    assert any("buckling lengths of 3.5 to 3.51 m" in line for line in told) == is_noted
-    assert any("[N760]" in line for line in told) == is_noted
+    lines = written(tmp_path / "r.vtkhdf", tmp_path / "r.csv")
+    assert any("buckling lengths of 3.5 to 3.51 m" in line for line in lines) == is_noted
+    assert any("[N760]" in line for line in lines) == is_noted
 
 
 def test_exports_omit_elements_that_a_stage_removed(tmp_path):
@@ -240,21 +242,21 @@ def test_exports_omit_elements_that_a_stage_removed(tmp_path):
     job["stage"] = [{"name": "struck", "active": ["up", "low", "link", "strut"]}]
     run(job, tmp_path / "r.vtkhdf")
     endings = {".json": "edges", ".dxf": "lines", ".tcl": "trusses", "": "rows"}
-    told = {end: written(tmp_path / "r.vtkhdf", tmp_path / f"r{end}") for end in endings}
+    lines = {end: written(tmp_path / "r.vtkhdf", tmp_path / f"r{end}") for end in endings}
     for end, what in endings.items():
-        assert f"element 9 out of the net by then: no {what}" in told[end], end
+        assert f"element 9 out of the net by then: no {what}" in lines[end], end
     assert (tmp_path / "r.tcl").read_text().count("element corotTruss") == 7
     assert "4" not in json.loads((tmp_path / "r.json").read_text())["data"]["edge"]["1"]
     assert any(
-        line.startswith("note: job.toml: strengths are the random strengths of the run") for line in told[""]
+        line.startswith("note: job.toml: strengths are the random strengths of the run") for line in lines[""]
     )
     run(tmp_path / "r" / "job.toml", tmp_path / "again.vtkhdf")
     first, again = (values_of(tmp_path / f"{run}.vtkhdf", ["net", "statics"]) for run in ("r", "again"))
-    there = first["net/element_id"] != 9
+    is_present = first["net/element_id"] != 9
     for name in ("statics/displacement", "statics/reaction"):
         assert (first[name] == again[name]).all(), name
-    assert (first["statics/tension"][:, there] == again["statics/tension"]).all()
-    drawn = (first["net/breaking_load"] * first["net/strength"])[there]
+    assert (first["statics/tension"][:, is_present] == again["statics/tension"]).all()
+    drawn = (first["net/breaking_load"] * first["net/strength"])[is_present]
     assert again["net/breaking_load"] == pytest.approx(drawn)
 
 
@@ -298,10 +300,10 @@ def test_faces_of_removed_elements_are_exported(tmp_path):
     written(tmp_path / "r.vtkhdf", tmp_path / "r")
     run(tmp_path / "r" / "job.toml", tmp_path / "again.vtkhdf")
     first, again = (values_of(tmp_path / f"{run}.vtkhdf", ["net", "cases"]) for run in ("r", "again"))
-    there = np.isin(first["net/node_id"], again["net/node_id"])
-    assert there.sum() == 5
+    is_present = np.isin(first["net/node_id"], again["net/node_id"])
+    assert is_present.sum() == 5
     for name in ("both/displacement", "both/load", "none/displacement", "none/load"):
-        assert again[f"cases/{name}"] == pytest.approx(first[f"cases/{name}"][there], abs=1e-9), name
+        assert again[f"cases/{name}"] == pytest.approx(first[f"cases/{name}"][is_present], abs=1e-9), name
 
 
 def test_a_form_with_permanent_load_runs_again_without_a_warning_of_its_balance(tmp_path):
@@ -315,8 +317,8 @@ def test_a_form_with_permanent_load_runs_again_without_a_warning_of_its_balance(
     run(job | {"form_finding": form}, tmp_path / "r.vtkhdf")
     written(tmp_path / "r.vtkhdf", tmp_path / "r")
     run(tmp_path / "r" / "job.toml", tmp_path / "again.vtkhdf")
-    told = [values_of(tmp_path / f"{name}.vtkhdf", ["provenance"]) for name in ("given", "r", "again")]
-    assert ["W632" in str(each["provenance/warnings"]) for each in told] == [True, False, False]
+    attributes = [values_of(tmp_path / f"{name}.vtkhdf", ["provenance"]) for name in ("given", "r", "again")]
+    assert ["W632" in str(each["provenance/warnings"]) for each in attributes] == [True, False, False]
 
 
 @pytest.mark.parametrize("dead", [0.0, 50.0])
@@ -332,8 +334,8 @@ def test_exported_cables_slip_at_the_nodes_of_the_run(tmp_path, dead):
     job |= {"slide": [{"group": "A", "friction": 0.02}], "load": {"steps": 1}}
     job["load"] |= {"dead": dead} if dead else {}
     run(job, tmp_path / "r.vtkhdf")
-    told = written(tmp_path / "r.vtkhdf", tmp_path / "r.csv")
-    assert any("[W766]" in line for line in told) == (dead > 0.0)
+    lines = written(tmp_path / "r.vtkhdf", tmp_path / "r.csv")
+    assert any("[W766]" in line for line in lines) == (dead > 0.0)
     assert "nodes = [1, 2]" in (tmp_path / "r.csv" / "job.toml").read_text()
     run(tmp_path / "r.csv" / "job.toml", tmp_path / "again.vtkhdf")
     first, again = (values_of(tmp_path / f"{run}.vtkhdf", ["slide", "statics"]) for run in ("r", "again"))
@@ -377,23 +379,23 @@ def test_data_that_a_format_cannot_store_are_named(tmp_path):
     """Only data that the net has: a net without strengths loses none."""
     run(AGAIN["every column"], tmp_path / "r.vtkhdf")
     run(GIVEN, tmp_path / "plain.vtkhdf")
-    told = {
+    notes = {
         (name, ending): written(tmp_path / f"{name}.vtkhdf", tmp_path / f"{name}.{ending}")[-1]
         for name in ("r", "plain")
         for ending in ("dxf", "json", "tcl", "vtu")
     }
     many = "mass per length, bars, cables of several elements, strengths, springs, loads of nodes"
-    assert told["r", "json"] == (
+    assert notes["r", "json"] == (
         f"note: a .json does not contain this net's stiffness, {many}, masses of nodes, roof areas, zones, "
         "temperature. A .csv does. [N750]"
     )
-    assert told["r", "dxf"].startswith(
+    assert notes["r", "dxf"].startswith(
         "note: a .dxf does not contain this net's ids, tensions, unstressed le"
     )
-    assert "groups, mass per length, cables of several elements, strengths, masses" in told["r", "tcl"]
+    assert "groups, mass per length, cables of several elements, strengths, masses" in notes["r", "tcl"]
     chain = "mass per length, cables of several elements. A .csv does. [N750]"
-    assert told["plain", "tcl"] == f"note: a .tcl does not contain this net's {chain}"
-    assert told["plain", "json"].endswith(f"net's stiffness, {chain}")
+    assert notes["plain", "tcl"] == f"note: a .tcl does not contain this net's {chain}"
+    assert notes["plain", "json"].endswith(f"net's stiffness, {chain}")
 
 
 def test_files_of_the_job_are_copied_without_replacing_tables(tmp_path):
@@ -409,8 +411,8 @@ def test_files_of_the_job_are_copied_without_replacing_tables(tmp_path):
     job = cross(wind=wind, motion=move, dynamics={"duration": 0.05})
     job["net"]["node_columns"] |= FLAT
     run(job, tmp_path / "first.vtkhdf")
-    told = written(tmp_path / "first.vtkhdf", tmp_path / "a")
-    copies = [line.split(":")[0].rpartition("/")[2] for line in told if ": copied from" in line]
+    lines = written(tmp_path / "first.vtkhdf", tmp_path / "a")
+    copies = [line.split(":")[0].rpartition("/")[2] for line in lines if ": copied from" in line]
     assert sorted(copies) == ["move.csv", "other_events.csv", "other_nodes.csv"]
     run(tmp_path / "a" / "job.toml", tmp_path / "again.vtkhdf")
     names = ("first", "again")
@@ -427,7 +429,7 @@ def test_a_folder_with_other_tables_is_refused(broken, tmp_path):
         written(broken, tmp_path / "mine")
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["nodes.csv"]
     written(broken, tmp_path / "ours")
-    # its own it replaces, and the job of the form does not stay beside
+    # netfall replaces its own tables and removes the job of the form
     written(broken, tmp_path / "ours", 0.1)
     names = {path.name for path in (tmp_path / "ours").iterdir()}
     assert names == {"nodes.csv", "elements.csv", "history.csv", "events.csv", "README.txt"}
@@ -446,12 +448,12 @@ def test_an_export_removes_tables_of_an_earlier_export(broken, tmp_path):
     gusty["net"]["node_columns"] |= FLAT
     run(gusty, tmp_path / "gusty.vtkhdf")
     for name, why in (("history.csv", "has history.csv"), ("wind.csv", "has another wind.csv")):
-        mine = tmp_path / name.removesuffix(".csv")
-        mine.mkdir()
-        (mine / name).write_text("my own")
+        folder = tmp_path / name.removesuffix(".csv")
+        folder.mkdir()
+        (folder / name).write_text("my own")
         with pytest.raises(InputError, match=f"{why} already"):
-            written(tmp_path / "gusty.vtkhdf", mine)
-        assert [(path.name, path.read_text()) for path in mine.iterdir()] == [(name, "my own")]
+            written(tmp_path / "gusty.vtkhdf", folder)
+        assert [(path.name, path.read_text()) for path in folder.iterdir()] == [(name, "my own")]
 
 
 def test_a_drawing_shows_the_form_and_the_broken_state(broken, tmp_path):
@@ -493,9 +495,9 @@ def test_partly_held_nodes_have_their_own_layer(tmp_path):
     """Or their axes. An import holds them along no axis, and says so."""
     run(ROLLER, tmp_path / "r.vtkhdf")
     for ending, layer in (("dxf", "supports"), ("json", None), ("vtu", None)):
-        told = written(tmp_path / "r.vtkhdf", tmp_path / f"r.{ending}")
-        assert ("1 point on layer supports, 2 on layer held in part" in told[0]) == bool(layer), ending
-        assert ("axes of supports" in told[-1]) == bool(layer), ending
+        lines = written(tmp_path / "r.vtkhdf", tmp_path / f"r.{ending}")
+        assert ("1 point on layer supports, 2 on layer held in part" in lines[0]) == bool(layer), ending
+        assert ("axes of supports" in lines[-1]) == bool(layer), ending
         back = read_net(tmp_path / f"r.{ending}", ImportOptions(supports=layer))
         assert back.net.x[back.fixed].tolist() == [[0, 0, 0]], ending
         at = [
@@ -518,12 +520,12 @@ def test_each_group_has_its_own_layer(tmp_path):
         "groups": GIVEN_NAMES,
     }
     run({"net": net, "cable": STEEL}, tmp_path / "r.vtkhdf")
-    told = written(tmp_path / "r.vtkhdf", tmp_path / "r.dxf")
+    notes = written(tmp_path / "r.vtkhdf", tmp_path / "r.dxf")
     lines = [e for e in ezdxf.readfile(tmp_path / "r.dxf").modelspace() if e.dxftype() == "LINE"]
     layers = ["supports_2", "Broken_2", "0", "a_b", "A_B_2", "cables", "cables_2", "Defpoints_2"]
     assert sorted(e.dxf.layer for e in lines) == sorted(layers[:3] + ["A_B", "a_b_2"] + layers[5:])
     back = read_net(tmp_path / "r.dxf", ImportOptions(supports="supports"))
-    assert len(back.net.ends) == 8 and back.fixed.sum() == 8 and "0, A_B, Broken_2, Def" in told[0]
+    assert len(back.net.ends) == 8 and back.fixed.sum() == 8 and "0, A_B, Broken_2, Def" in notes[0]
 
 
 def test_removed_elements_are_not_exported(tmp_path):
@@ -531,9 +533,9 @@ def test_removed_elements_are_not_exported(tmp_path):
     lost = {"remove": [{"elements": [14], "time": 0.02}], "net": cross()["net"] | {"subdivide": 2}}
     job = cross(**lost, dynamics={"duration": 0.05}, output={"frames": 2})
     run(job, tmp_path / "r.vtkhdf")
-    told = {end: written(tmp_path / "r.vtkhdf", tmp_path / f"r.{end}", np.inf) for end in ("json", "dxf")}
-    assert told["json"][1] == "2 elements (14, 18) out of the net by then: no edges"
-    assert told["dxf"][1] == "2 elements (14, 18) out of the net by then: no lines"
+    notes = {end: written(tmp_path / "r.vtkhdf", tmp_path / f"r.{end}", np.inf) for end in ("json", "dxf")}
+    assert notes["json"][1] == "2 elements (14, 18) out of the net by then: no edges"
+    assert notes["dxf"][1] == "2 elements (14, 18) out of the net by then: no lines"
 
     def refuse(word):
         raise AssertionError(word)
@@ -608,7 +610,7 @@ def test_tensions_of_a_given_geometry_are_those_of_the_law(tmp_path, strain, law
         stored = result.file["net/unstressed_length_warm"][:]
         assert (stored == result.elements["unstressed_length_warm"]).all()
     written(tmp_path / "r.vtkhdf", tmp_path / "r.json")
-    told = written(tmp_path / "r.vtkhdf", tmp_path / "r.tcl")
+    lines = written(tmp_path / "r.vtkhdf", tmp_path / "r.tcl")
     edge = json.loads((tmp_path / "r.json").read_text())["data"]["edge"]["0"]["1"]
     assert edge["tension"] == pytest.approx(1e6 * law(2.0 / 1.98 - 1.0), rel=1e-12)  # of 1e-2 in lengths
     assert (edge["unstressed_length"], edge["unstressed_length_warm"]) == pytest.approx((1.98, warm))
@@ -616,7 +618,7 @@ def test_tensions_of_a_given_geometry_are_those_of_the_law(tmp_path, strain, law
     E = float(next(w[2] for w in materials if w[0] == "Elastic"))
     eps = float(next(w[3] for w in materials if w[0] == "InitStrainMaterial"))
     assert E * eps == pytest.approx(1e6 * law(2.0 / warm - 1.0), rel=1e-9)  # the equilibrium's tolerance
-    assert any("not linear elastic" in line for line in told) == (strain == "logarithmic")
+    assert any("not linear elastic" in line for line in lines) == (strain == "logarithmic")
 
 
 def test_a_model_for_opensees_has_tags_and_names_that_it_can_read(tmp_path):
@@ -717,10 +719,10 @@ def on_springs(tmp_path_factory):
 
 def test_opensees_finds_the_tensions_of_a_wheel_on_springs(on_springs):
     """zeroLength elements begin with the displacement of the springs; the state is that of a case."""
-    told = written(on_springs / "s.vtkhdf", on_springs / "s.tcl", case="drift")
+    lines = written(on_springs / "s.vtkhdf", on_springs / "s.tcl", case="drift")
     springs = words_of(on_springs / "s.tcl", "element")
-    assert sum(words[0] == "zeroLength" for words in springs) == 72 and "case drift" in told[0]
-    assert told[0].endswith("on springs: 72")
+    assert sum(words[0] == "zeroLength" for words in springs) == 72 and "case drift" in lines[0]
+    assert lines[0].endswith("on springs: 72")
     theirs = tensions_in_opensees(on_springs / "s.tcl")
     with netfall.open(on_springs / "s.vtkhdf") as result:
         ours = dict(zip(result.elements["id"].tolist(), result.file["cases/drift/tension"][:]))
@@ -731,8 +733,8 @@ def test_opensees_finds_the_tensions_of_a_wheel_on_springs(on_springs):
 
 def test_a_drawing_has_layers_of_supports_and_springs_in_its_unit(on_springs, tmp_path):
     """In mm, in the state of a case. An unknown case is refused, and a unit of a format without one."""
-    told = written(on_springs / "s.vtkhdf", tmp_path / "s.dxf", case="drift", unit="mm")
-    assert "lines in mm" in told[0] and "72 on layer springs" in told[0]
+    lines = written(on_springs / "s.vtkhdf", tmp_path / "s.dxf", case="drift", unit="mm")
+    assert "lines in mm" in lines[0] and "72 on layer springs" in lines[0]
     drawing = ezdxf.readfile(tmp_path / "s.dxf")
     assert drawing.units == ezdxf.units.MM
     with netfall.open(on_springs / "s.vtkhdf") as result:

@@ -14,9 +14,9 @@ EA, HALF = E * A, 0.5 * 7850.0 * A  # N; kg for each metre
 QUICK = "[output]\nhistory_interval = {}\nframes = {}\n"
 
 
-def reached(what: str, asked: str, figure: float, within: float) -> None:
+def reached(what: str, limit: str, figure: float, within: float) -> None:
     """Assert and print a row of the table."""
-    print(f"| {what} | {asked} | {figure:.2g} |")
+    print(f"| {what} | {limit} | {figure:.2g} |")
     assert figure <= within, what
 
 
@@ -179,7 +179,7 @@ def test_short_edge_cables_have_the_right_strains(workshop):
 
 def test_a_net_far_from_the_origin(workshop):
     """1e6 m from the origin it moves like at the origin, to the rounding of its coordinates."""
-    found = []
+    results = []
     for shift in (0.0, 1e6):
         k = np.arange(6)
         x, z = 2.0 * k + shift, -0.1 * k * (5 - k) + shift
@@ -188,8 +188,8 @@ def test_a_net_far_from_the_origin(workshop):
         text = STEEL.replace("100e3", "5e3") + "[dynamics]\nduration = 2.0\nmass_damping = 0.5\n"
         elements = "start,end\n" + "".join(f"{p},{p + 1}\n" for p in range(5))
         f = workshop.solve(text + QUICK.format(0.01, 20), nodes, elements, output=f"{shift:g}.vtkhdf")
-        found.append(f["final/position"][:] - f["net/particles"][:])
-    off = np.abs(found[1] - found[0]).max()
+        results.append(f["final/position"][:] - f["net/particles"][:])
+    off = np.abs(results[1] - results[0]).max()
     reached("1e6 m from the origin: error of the displacements [m]", "1e-6", off, 1e-6)
 
 

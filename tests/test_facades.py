@@ -84,15 +84,15 @@ def test_snow_and_dead_load_on_a_facade(workshop):
 def test_a_rotated_facade_has_the_rotated_result(workshop, angle):
     """Areas to rounding, displacements to the tolerance of the equilibrium."""
     zone = '[[zone]]\nname = "top"\npolygon = [[3, 18], [43, 18], [43, 26], [3, 26]]\n'
-    text, found = PRESSED + "steps = 1\n" + zone + "[load.zone.top]\npressure = -500.0\n", []
+    text, cases = PRESSED + "steps = 1\n" + zone + "[load.zone.top]\npressure = -500.0\n", []
     for each in (0.0, angle):
         x, edge, elements = facade(4, 3, each)
         along = rotated([[1.0, 0.0, 0.0]], each)[0]
         shift = 3.0 * along  # polygons count from the origin: shifted, to see that they do
         normal = rotated([[0.0, -1.0, 0.0]], each)[0].tolist()
         with workshop.solve(f"{text}[roof]\nnormal = {normal}\n", *tables(x + shift, edge, elements)) as f:
-            found.append((f["net/vector_area"][:], f["statics/displacement"][-1], f["net/tributary_area"][:]))
-    (vector, u, area), (other_vector, other_u, other_area) = found
+            cases.append((f["net/vector_area"][:], f["statics/displacement"][-1], f["net/tributary_area"][:]))
+    (vector, u, area), (other_vector, other_u, other_area) = cases
     assert np.allclose(other_vector, rotated(vector, angle), atol=1e-9) and np.allclose(area, other_area)
     assert np.abs(other_u - rotated(u, angle)).max() < 1e-7 * lengths(u).max()
     assert u[:, 1].max() > 0.01 and lengths(u).max() > 0.0
@@ -126,9 +126,9 @@ def test_check_and_info_name_the_outer_side(workshop):
     """Both print the resultant of a pressure, for a facade without the key together with the key."""
     job = workshop.job(PRESSED + "steps = 1\n" + OUTSIDE, *tables(*facade(4, 3)))
     line = "outer side: a pressure of 1 kN/m2 on all faces has the resultant 0, 1000, 0 kN along x, y, z"
-    said = []
-    check_job(read_job(job), said.append, None)
-    assert line in said and "0 warnings" in said
+    lines = []
+    check_job(read_job(job), lines.append, None)
+    assert line in lines and "0 warnings" in lines
     with workshop.run(job):
         assert line in workshop.info()
     with pytest.raises(InputError, match=r"direction, \[roof\] normal = \[0, -?1, 0\], or"):
@@ -206,7 +206,7 @@ def test_the_resultant_of_the_gusts_is_that_of_the_coherence(workshop):
     model = facade_model(workshop, CABLES + OUTSIDE + f"[wind]\n{WIND}{ONTO}" + DYNAMICS)
     field, x = model.wind_field, model.x
     load = load_on(field, model.roof.area * field.mean)
-    found = load @ field.model.covariance @ load
+    computed = load @ field.model.covariance @ load
     a, z = (part.ravel() for part in np.meshgrid(np.arange(0.5, 40.0), np.arange(0.5, 25.0)))
     U = 20.0 * (np.maximum(z, 1.0) / 10.0) ** 0.2
     apart = np.hypot(16.0 * (a[:, None] - a), 10.0 * (z[:, None] - z)) / (0.5 * (U[:, None] + U))
@@ -215,7 +215,7 @@ def test_the_resultant_of_the_gusts_is_that_of_the_coherence(workshop):
     reduced = 1200.0 * n / 20.0  # Davenport 1961: n S / sigma2 = 2/3 x2 / (1 + x2)^(4/3)
     spectrum = (0.18 * 20.0) ** 2 * (2.0 / 3.0) * reduced**2 / (1.0 + reduced**2) ** (4.0 / 3.0) / n
     decayed = np.exp(-np.outer(n, 0.5 * (pairs[1:] + pairs[:-1]))) @ delay
-    assert len(x) == 54 and found == pytest.approx(np.trapezoid(spectrum * decayed, n), rel=0.05)
+    assert len(x) == 54 and computed == pytest.approx(np.trapezoid(spectrum * decayed, n), rel=0.05)
 
 
 def test_a_canopy_and_its_facade_by_hand(workshop):

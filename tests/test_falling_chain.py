@@ -121,8 +121,8 @@ def test_a_folded_chain_falls_in_the_time_and_with_the_speed_of_the_closed_form(
 def test_the_order_of_the_falling_chain(workshop):
     """From 21 to 321 links the time becomes right to 0.3 %, the speed over a fifth of the way to 1.2 %."""
     links = [21, 41, 81, 161, 321]
-    found = [errors(workshop, n) for n in links]
-    times, speeds = [abs(t) for t, _ in found], [np.abs(v).max() for _, v in found]
+    computed = [errors(workshop, n) for n in links]
+    times, speeds = [abs(t) for t, _ in computed], [np.abs(v).max() for _, v in computed]
     order = -np.diff(np.log(times)) / np.diff(np.log(links))
     print(times, speeds, order)
     assert (order > 0.7).all() and times[-1] < 4e-3 and speeds[-1] < 1.5e-2, (times, speeds, order)

@@ -17,7 +17,7 @@ def test_every_fault_still_applies(fault):
 
 
 def test_every_test_of_a_quick_set_exists():
-    """By its file and name, or by the id of a case."""
+    """Each file and name occurs; ids of cases are not checked."""
     for test in sorted({test for fault in FAULTS for test in fault.tests}):
         file, _, name = test.partition("::")
         text = (ROOT / "tests" / file).read_text()

@@ -56,8 +56,8 @@ def test_an_element_pulled_to_zero_length_is_an_error(workshop):
     assert "RuntimeWarning" not in done.stderr
 
 
-def told(workshop, job):
-    """What the run of a job, `check`, `info` and the report say of its form."""
+def outputs_of(workshop, job):
+    """Return the output of the run of a job, `check` and `info`, and the report's page."""
     return workshop.printed(job), workshop.check(job), workshop.info(), workshop.report().page
 
 
@@ -74,7 +74,7 @@ def test_displacements_and_roof_area_of_the_form_are_named(workshop, top, far):
     )
     change = 100.0 / before - 1.0
     note = f"warning: form finding: the area of the roof changed by {change:+.1%} (limit 5%). The form that"
-    for text in told(workshop, job):
+    for text in outputs_of(workshop, job):
         assert line[1:] in text, text
         assert (note[1:] in text) == far
 
@@ -91,7 +91,7 @@ def test_nodes_free_along_a_cable_at_constant_tension_are_named(workshop, factor
     job = workshop.job(text, CROSS.format(held=held), elements)
     named = "2 nodes (2, 8)" if held else "3 nodes (2, 4, 8)"
     note = f"at constant tension: {named}: nothing holds them along their straight cable"
-    for text in told(workshop, job):
+    for text in outputs_of(workshop, job):
         assert (note in text) == (factor == 0), text
 
 
@@ -167,11 +167,11 @@ def test_iterations_that_run_out_end_the_run(workshop):
     job = workshop.job(STEEL + MAST + "[form_finding]\nmax_iterations = 20\n", *mast_and_ring())
     done = workshop.run(job, code=3)
     assert "not in equilibrium after 20 iterations" in done.stderr
-    told = re.search(r"Largest residuals: ((?:node \d+: [\d.e+]+ kN(?:, )?){5})\. Check joints", done.stderr)
-    sizes = [float(size) for size in re.findall(r": (\S+) kN", told[1])]
+    match = re.search(r"Largest residuals: ((?:node \d+: [\d.e+]+ kN(?:, )?){5})\. Check joints", done.stderr)
+    sizes = [float(size) for size in re.findall(r": (\S+) kN", match[1])]
     assert sizes == sorted(sizes, reverse=True)
     two = workshop.run(job, ranks=2, code=3)
-    assert told[0] in two.stderr  # the same nodes on any number of ranks
+    assert match[0] in two.stderr  # the same nodes on any number of ranks
     assert not list(workshop.folder.glob("result*"))
 
 
@@ -213,11 +213,11 @@ def test_newtons_method_finds_the_form_of_relaxation(form_of, job, factor):
     a residual of 1e-10 T over the net's 50 spacings, squared.
     """
     settings = f"form_finding.modulus_factor={factor}", "form_finding.tolerance=1e-10"
-    relaxed, found = form_of(job, *settings, relaxed=True), form_of(job, *settings)
-    assert found.iterations < 100 < relaxed.iterations
-    assert np.abs(found.x - relaxed.x).max() < 1e-7 * np.ptp(relaxed.x)
-    assert np.abs(found.N - relaxed.N).max() < 1e-7 * relaxed.N.max()
-    assert found.residual <= 1e-10 * found.reference
+    relaxed, form = form_of(job, *settings, relaxed=True), form_of(job, *settings)
+    assert form.iterations < 100 < relaxed.iterations
+    assert np.abs(form.x - relaxed.x).max() < 1e-7 * np.ptp(relaxed.x)
+    assert np.abs(form.N - relaxed.N).max() < 1e-7 * relaxed.N.max()
+    assert form.residual <= 1e-10 * form.reference
 
 
 def test_relaxation_replaces_newtons_method_in_form_finding(form_of, monkeypatch):
@@ -230,8 +230,8 @@ def test_relaxation_replaces_newtons_method_in_form_finding(form_of, monkeypatch
     monkeypatch.setattr(newton.Newton, "find", give_up)
     for factor in 0, 1e-3:
         settings = f"form_finding.modulus_factor={factor}"
-        relaxed, found = form_of("ring", settings, relaxed=True), form_of("ring", settings)
-        assert np.array_equal(relaxed.x, found.x) and relaxed.iterations == found.iterations
+        relaxed, form = form_of("ring", settings, relaxed=True), form_of("ring", settings)
+        assert np.array_equal(relaxed.x, form.x) and relaxed.iterations == form.iterations
 
 
 def test_form_and_equilibria_of_a_large_net_have_equal_bits_on_ranks(shared_workshop):
@@ -264,18 +264,18 @@ def test_a_pause_in_the_relaxation_of_a_form_changes_no_bit(workshop, looks):
     job = workshop.job(text, *mast_and_ring())
     whole = workshop.run(job, output="whole.vtkhdf")
     assert whole["form_finding/iterations"][()] > 100
-    checkpoint, said = workshop.pause(job, looks)
-    assert "in form finding, iteration" in said
+    checkpoint, message = workshop.pause(job, looks)
+    assert "in form finding, iteration" in message
     assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))
 
 
 def test_a_bar_that_form_finding_lengthens_is_a_warning():
     """A mast of 8 m becomes 12 m long and is named. Cables and a bar within 10 % are not."""
     given = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 8.0], [9.0, 0.0, 0.0], [9.0, 0.0, 8.0]])
-    found = given + np.array([[0, 0, 0], [0, 0, 4.0], [0, 0, 0], [0, 0, 0.7]])
+    form = given + np.array([[0, 0, 0], [0, 0, 4.0], [0, 0, 0], [0, 0, 0.7]])
     ends, ids = np.array([[0, 1], [2, 3], [0, 1]]), np.array([7, 8, 9])
     net = SimpleNamespace(x=given, elements=ends, bar=np.array([True, True, False]), element_id=ids)
-    (line,) = bar_length_warnings(net, found)
+    (line,) = bar_length_warnings(net, form)
     assert "bar 7 changed from 8 to 12 m (+50%, limit 10%)" in line and line.endswith("[W740]")
     net.bar = np.ones(3, bool)
     assert [*bar_length_warnings(net, given)] == []

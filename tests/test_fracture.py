@@ -82,8 +82,8 @@ def test_the_short_step_begins_with_the_first_fracture(workshop):
     assert long / short == pytest.approx(round(long / short), rel=1e-12) and long > 1.5 * short
     assert (step[time < first] == long).all() and step[time > first][0] == short
     assert 0.6 / long < attributes["steps"] < 0.6 / short
-    told = f"{attributes['steps']} steps of {long:.4g} s, or of {short:.4g} s after fractures;"
-    assert told in workshop.info()
+    sentence = f"{attributes['steps']} steps of {long:.4g} s, or of {short:.4g} s after fractures;"
+    assert sentence in workshop.info()
     fine = workshop.run(workshop.folder / "job.toml", *LIGHT, "--set", f"dynamics.time_step={short / 5:.9g}")
     assert abs(fine["events/time"][0] - first) < short and fine["events/element"][0] == f["events/element"][0]
     assert fine["provenance"].attrs["steps"] == round(0.6 / float(f"{short / 5:.9g}"))
@@ -166,13 +166,13 @@ def test_a_part_without_vertical_support_is_loose():
     """A weight guided in x and y but not in z has no equilibrium."""
     fixed = np.array([[True, True, True], [True, True, False]])
     net = Net(x=np.zeros((2, 3)), elements=np.array([[0, 1]]), fixed=fixed, group=[0], group_names=[""])
-    load, gone = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), np.zeros(2, bool)
-    assert not is_unsupported(net, np.array([True]), load, gone)
-    assert is_unsupported(net, np.array([False]), load, gone)
-    assert not is_unsupported(net, np.array([False]), load[:, [0, 2, 1]], gone)
+    load, removed = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), np.zeros(2, bool)
+    assert not is_unsupported(net, np.array([True]), load, removed)
+    assert is_unsupported(net, np.array([False]), load, removed)
+    assert not is_unsupported(net, np.array([False]), load[:, [0, 2, 1]], removed)
     net.fixed[1], net.angle = [True, False, True], np.array([0.0, 90.0])  # held along y, by its angle
-    assert not is_unsupported(net, np.array([False]), load[:, [0, 2, 1]], gone)
-    assert is_unsupported(net, np.array([False]), load[:, [2, 0, 1]], gone)
+    assert not is_unsupported(net, np.array([False]), load[:, [0, 2, 1]], removed)
+    assert is_unsupported(net, np.array([False]), load[:, [2, 0, 1]], removed)
 
 
 def torn_lattice(fragments: bool) -> tuple[State, StepPlan]:
@@ -209,11 +209,11 @@ def test_the_updated_incidence_after_fractures_equals_a_new_one(fragments):
 def slots_of(state: State) -> list:
     """Return the incident elements of each particle in order, with all fields except extremes."""
     columns = {f.short: getattr(state, f.name) for f in fields_of("slot") if state.features.has(f)}
-    there = [
+    slots = [
         column[:, : state.n_local] for name, column in columns.items() if name not in ("highest", "lowest")
     ]
     full = columns["inv_L0"][:, : state.n_local] > 0.0
-    return [[tuple(c[s, p] for c in there) for s in np.flatnonzero(full[:, p])] for p in range(state.n_local)]
+    return [[tuple(c[s, p] for c in slots) for s in np.flatnonzero(full[:, p])] for p in range(state.n_local)]
 
 
 @pytest.mark.parametrize("strain", ["engineering", "logarithmic"])

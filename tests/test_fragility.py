@@ -59,12 +59,12 @@ def test_the_fit_has_the_largest_likelihood():
     share = ndtr(np.log(speed / generator.uniform(32, 44, (300, 1))) / generator.uniform(0.02, 0.5, (300, 1)))
     failed = generator.binomial(runs, share)
     fit = probit.fit(speed, runs, failed)
-    found = fit.verdict == probit.FITTED
-    assert found.sum() > 250
+    is_fitted = fit.verdict == probit.FITTED
+    assert is_fitted.sum() > 250
 
     def likelihood(median, dispersion):
-        z = np.log(speed / median[found, None]) / dispersion[found, None]
-        return (failed[found] * np.log(ndtr(z)) + (runs - failed)[found] * np.log(ndtr(-z))).sum(1)
+        z = np.log(speed / median[is_fitted, None]) / dispersion[is_fitted, None]
+        return (failed[is_fitted] * np.log(ndtr(z)) + (runs - failed)[is_fitted] * np.log(ndtr(-z))).sum(1)
 
     best = likelihood(fit.median, fit.dispersion)
     for step in (0.999, 1.001):
@@ -127,8 +127,9 @@ def test_speeds_do_not_replace_seeds():
 
 
 def test_the_interval_contains_the_true_value_as_often_as_stated(monkeypatch):
-    """Of sixty studies with 50 seeds, 95 % would be 57. Fewer than 50 have a probability of 1e-4 at 94 %, and
-    an interval of half the width would contain the value in 40.
+    """Of sixty studies with 50 seeds, 95 % would be 57. Fewer than 50 have a probability of 1e-4 at 94 %.
+
+    An interval of half the width would contain the value in 40.
     """
     monkeypatch.setattr(fragility, "LOST_ROOF", {})
     generator, held = np.random.default_rng(6), 0
@@ -208,16 +209,16 @@ def test_the_failed_share_counts_independent_samples():
     samples["tension_max"] = np.where((inputs["load.snow"] > 1e3) & (seed < 4), 3e5, 1e5)
     samples["state"][-10:] = "undecided"  # the last seed
     own = {"measure": ["torn"], "outcome": ["tension_max"], "limit": [2e5]}
-    told, chosen = [], []
+    drawn_lines, chosen_lines = [], []
     study = SimpleNamespace(failures=own, fragility={}, samples=samples, drawn=["cable.prestress"])
-    _failures(study, told.append)
+    _failures(study, drawn_lines.append)
     study.drawn = []
-    _failures(study, chosen.append)
+    _failures(study, chosen_lines.append)
     low, high = wilson(np.array([20]), np.array([4]))[:, 0]
-    assert f"(95 %: {low:.1%} to {high:.1%}, of 20 independent ones)" in chosen[1]
-    assert told[0].startswith("failure, torn, load.snow = 1000: 0 of 95 samples, 0.0% (95 %: 0.0% to")
+    assert f"(95 %: {low:.1%} to {high:.1%}, of 20 independent ones)" in chosen_lines[1]
+    assert drawn_lines[0].startswith("failure, torn, load.snow = 1000: 0 of 95 samples, 0.0% (95 %: 0.0% to")
     low, high = wilson(np.array([5]), np.array([1]))[:, 0]  # 20 of 95 runs, but five prestresses
-    assert told[1] == (
+    assert drawn_lines[1] == (
         f"failure, torn, load.snow = 2000: 20 of 95 samples, 21.1% (95 %: {low:.1%} to {high:.1%}, of 5 "
         "independent ones); 5 left out, 25.0% if all of them failed"
     )
@@ -273,8 +274,8 @@ def test_rank_correlations_are_within_each_combination_of_chosen_values(tmp_path
     samples = columns({"load.snow": snow, "net.mass": mass}, np.zeros(36), np.zeros(36))
     samples["displacement_max"] = snow + mass
     write_study(tmp_path / "a.study.h5", samples, {})
-    told = study_lines(tmp_path / "a.study.h5")
-    assert "displacement_max +1.00" in told and "samples that finished, within each load.snow; " in told
+    output = study_lines(tmp_path / "a.study.h5")
+    assert "displacement_max +1.00" in output and "samples that finished, within each load.snow; " in output
     study = read_study(tmp_path / "a.study.h5")
     titles = [axes.get_title(loc="right") for axes in pictures_of(study)["inputs"](study).axes]
     assert "rank correlation +1.00, n = 12" in titles
@@ -290,11 +291,11 @@ def test_samples_without_equilibrium_have_the_worst_ranks(tmp_path):
     samples["detached_area"][~standing] = np.nan
     path = tmp_path / "a.study.h5"
     write_study(path, samples, {})
-    told = study_lines(path)
+    output = study_lines(path)
     ranks = np.where(standing, samples["displacement_max"].argsort().argsort() + 1.0, 13.5)
     rho = np.corrcoef(strength, ranks)[0, 1]
-    assert f"displacement_max {rho:+.2f}" in told and rho < -0.5
-    assert "of the 10 samples that finished and the 6 without equilibrium as the worst" in told
+    assert f"displacement_max {rho:+.2f}" in output and rho < -0.5
+    assert "of the 10 samples that finished and the 6 without equilibrium as the worst" in output
     pictures_of(read_study(path))["inputs"](read_study(path))
     samples["state"][:] = "no_equilibrium"
     write_study(path, samples, {})
@@ -339,20 +340,20 @@ def storm(tmp_path_factory):
 def test_info_describes_a_study(storm, capsys):
     """States with reasons, shares by speed, the median, the samples of a narrower band, elements by id."""
     info.function(storm, json=False)
-    told = capsys.readouterr().out
+    output = capsys.readouterr().out
     with h5py.File(storm) as file:
         g, state = file["fragility"], file["samples/state"].asstr()[:]
         counts = [f"{f}/{n}" for f, n in zip(g["failed"][0], g["runs"][0])]
         median, first = g["median"][0], file["first_breaks"][:]
-    assert "a storm" in told and f"{(state == 'finished').sum()} finished, 1 no_equilibrium" in told
-    assert "diverged, 2 times: t = 2 s: speeds without bound; first: row 1 (" in told
-    assert "undecided, 2 times with different numbers: load factor 0.993; first: row 3 (" in told
-    assert "failed, 1 time: no answer within 60 s" in told and "exposure 6 s" in told
-    line = next(line for line in told.splitlines() if line.strip().startswith("first fracture  "))
+    assert "a storm" in output and f"{(state == 'finished').sum()} finished, 1 no_equilibrium" in output
+    assert "diverged, 2 times: t = 2 s: speeds without bound; first: row 1 (" in output
+    assert "undecided, 2 times with different numbers: load factor 0.993; first: row 3 (" in output
+    assert "failed, 1 time: no answer within 60 s" in output and "exposure 6 s" in output
+    line = next(line for line in output.splitlines() if line.strip().startswith("first fracture  "))
     assert [word for word in line.split() if "/" in word] == counts and f"{median:.4g} (" in line
-    assert "with 30 independent samples; +-" in told and "would need some" in told
-    assert f"element 1008 (111-118) in {first[7]}" in told and "5 left out" in told
-    assert f"warning: 5 of {len(state)} samples are left out" in told
+    assert "with 30 independent samples; +-" in output and "would need some" in output
+    assert f"element 1008 (111-118) in {first[7]}" in output and "5 left out" in output
+    assert f"warning: 5 of {len(state)} samples are left out" in output
 
 
 def test_reasons_that_differ_in_ids_are_one(tmp_path):
@@ -361,9 +362,9 @@ def test_reasons_that_differ_in_ids_are_one(tmp_path):
     samples["state"][:] = "undecided"
     samples["reason"][:] = ["element 4", "3 elements (4, 7, 9)", "9 elements (4, 7, 9, 11, 12, ...)", "none"]
     write_study(tmp_path / "a.study.h5", samples, {})
-    told = study_lines(tmp_path / "a.study.h5")
+    text = study_lines(tmp_path / "a.study.h5")
     assert (
-        "undecided, 3 times with different numbers: element 4;" in told and "undecided, 1 time: none" in told
+        "undecided, 3 times with different numbers: element 4;" in text and "undecided, 1 time: none" in text
     )
 
 
@@ -398,15 +399,15 @@ def test_removals_and_random_keys_are_plotted_and_described(tmp_path):
     samples["state"][8] = "no_equilibrium"  # the first seed of the fifth
     samples["state"][22:24] = "diverged"  # both of the twelfth
     write_study(tmp_path / "loss.study.h5", samples, {}, roof)
-    told = study_lines(tmp_path / "loss.study.h5")
-    assert "60 different" in told and "no equilibrium after 1 (1005)" in told
-    assert "samples of 1 of them are left out and may be worse (1012)" in told
+    output = study_lines(tmp_path / "loss.study.h5")
+    assert "60 different" in output and "no equilibrium after 1 (1005)" in output
+    assert "samples of 1 of them are left out and may be worse (1012)" in output
     chart = removal_chart(read_study(tmp_path / "loss.study.h5")).axes
     assert [label.get_text() for label in chart[0].get_yticklabels()[:3]] == ["1005", "1012", "1020"]
     assert any("(2 left out)" in text.get_text() for text in chart[1].texts)
-    assert "98.0% (removal of 1020)" in told and f"{factor[-1]:.3g} (removal of 1060)" in told
-    first = told.index(f"largest tension over tension before: {1.0 + factor[-1]:.3g} (removal of 1060)")
-    assert first < told.index("largest dynamic factors, if the equilibrium changes by more than 10% of the")
+    assert "98.0% (removal of 1020)" in output and f"{factor[-1]:.3g} (removal of 1060)" in output
+    first = output.index(f"largest tension over tension before: {1.0 + factor[-1]:.3g} (removal of 1060)")
+    assert first < output.index("largest dynamic factors, if the equilibrium changes by more than 10% of the")
     n = 200
     speed, prestress = generator.uniform(30, 46, n), generator.normal(1e5, 5e3, n)
     capacity = 38.0 * (prestress / 1e5) ** 3
@@ -417,10 +418,10 @@ def test_removals_and_random_keys_are_plotted_and_described(tmp_path):
     assert section["samples"][0] == n and section["resampled"][0] == "runs"
     # The capacity's deviation: 3 times 5 %.
     assert section["dispersion_interval"][0][0] < 0.15 < section["dispersion_interval"][0][1]
-    told = study_lines(tmp_path / "draws.study.h5")
-    assert "cable.prestress pooled" in told and "all samples have the same gusts" in told
-    assert "(Spearman) with the random inputs, of the 200 samples that finished" in told
-    assert "wind.speed [m/s]: first_fracture -" in told and "cable.prestress [N]: " in told
+    output = study_lines(tmp_path / "draws.study.h5")
+    assert "cable.prestress pooled" in output and "all samples have the same gusts" in output
+    assert "(Spearman) with the random inputs, of the 200 samples that finished" in output
+    assert "wind.speed [m/s]: first_fracture -" in output and "cable.prestress [N]: " in output
     for name, known, new in (
         ("loss", ["breaks", "spread"], ["loss_map", "losses"]),
         ("draws", ["fragility", "breaks", "spread"], ["inputs"]),
@@ -447,8 +448,8 @@ def test_the_removal_of_a_cable_is_that_of_its_elements(tmp_path):
     for gusts in (0, 1):
         gusty = samples | {"gusts": np.full(2, gusts)}
         write_study(tmp_path / "gusty.study.h5", gusty, {}, roof)
-        told = study_lines(tmp_path / "gusty.study.h5")
-        assert ("gusts continue after a removal" in told) == bool(gusts)
+        output = study_lines(tmp_path / "gusty.study.h5")
+        assert ("gusts continue after a removal" in output) == bool(gusts)
 
 
 def test_negative_dynamic_factors_are_drawn_with_large_ones(tmp_path):

@@ -100,10 +100,10 @@ def test_a_run_ends_when_the_disk_is_full(disk, workshop, ranks, left):
         disk.leave(kilobytes)
         arguments = ("run", job, "-o", disk.folder / "r.vtkhdf", "--quiet")
         line = without_room(run_netfall(*arguments, ranks=ranks, code=None), CUT)
-        there = disk.names()
-        checkpoints = sorted(name for name in there if name.startswith("r.checkpoint"))
-        parts = {name for name in there if name.startswith(".r.vtkhdf.segment")}
-        assert there == {*checkpoints, *parts} and bool(parts) == bool(checkpoints)
+        names = disk.names()
+        checkpoints = sorted(name for name in names if name.startswith("r.checkpoint"))
+        parts = {name for name in names if name.startswith(".r.vtkhdf.segment")}
+        assert names == {*checkpoints, *parts} and bool(parts) == bool(checkpoints)
         assert all(is_intact(disk.folder / name) for name in checkpoints)
         resumed = f"--restart {disk.folder / checkpoints[-1]}" if checkpoints else ""
         assert (resumed in line) if checkpoints else ("--restart" not in line)
@@ -193,8 +193,8 @@ def test_init_and_partition_leave_no_partial_file(tmp_path):
     (tmp_path / "roof.toml").write_text('[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 60\n' + STEEL)
     for kilobytes, *words in ((4, "init", "new.toml"), (20, "partition", "roof.toml", "-n", "2")):
         command = ["bash", "-c", f'ulimit -f {kilobytes}; exec "$0" "$@"', BIN / "netfall", *words]
-        there = ENVIRONMENT | {"PYTHONDONTWRITEBYTECODE": "1"}  # Python leaves what it cannot write, cut off
-        done = run_process(*command, cwd=tmp_path, environment=there, code=None)
+        base = ENVIRONMENT | {"PYTHONDONTWRITEBYTECODE": "1"}  # Python leaves truncated files
+        done = run_process(*command, cwd=tmp_path, environment=base, code=None)
         without_room(done, "File too large")
         assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["roof.toml"]
 
@@ -365,8 +365,8 @@ def test_hdf5_uses_no_more_space_than_reserved(tmp_path, datasets, tail, rows, a
             file.file.flush()
             assert file.temporary.stat().st_size <= file._reserved
     file.close()
-    with h5py.File(tmp_path / "file.h5") as found:
-        assert (found[names[-1]][-1] == appends - 1).all() and len(found[names[0]]) == rows * appends
+    with h5py.File(tmp_path / "file.h5") as f:
+        assert (f[names[-1]][-1] == appends - 1).all() and len(f[names[0]]) == rows * appends
 
 
 def test_temporary_files_of_killed_processes_are_removed_after_a_day(tmp_path):

@@ -27,8 +27,8 @@ ROUNDING = np.finfo(float).eps
 
 
 def numbers(low: float, high: float, count: int = 2000, logarithmic: bool = False) -> np.ndarray:
-    found = np.random.default_rng(1).uniform(low, high, count)
-    return 10.0**found if logarithmic else found
+    result = np.random.default_rng(1).uniform(low, high, count)
+    return 10.0**result if logarithmic else result
 
 
 def worst(ours: np.ndarray, exact, arguments: np.ndarray) -> float:
@@ -74,7 +74,7 @@ def test_sines_of_many_turns_are_right_to_sixteen_digits_after_the_point():
 
 
 def test_powers_lose_no_more_than_the_logarithm_makes_of_it():
-    """Of heights above ground over 10 m, with the exponents of the profile."""
+    """Compare heights above ground over 10 m, with the exponents of the profile."""
     x = numbers(-1.0, 3.0, logarithmic=True)
     for exponent in (0.12, 0.16, 0.4):
         exact = lambda a, e=exponent: a ** mpmath.mpf(e)
@@ -101,7 +101,7 @@ def test_exponentials_of_the_material_law():
 
 
 def test_normal_numbers_are_those_of_numpy_to_rounding():
-    """The same bits of chance by the same method: in a million some 280 in the tail, 7000 beside a layer."""
+    """Method and random bits are the same: of a million, 280 are in the tail and 7000 near a layer."""
     ours = standard_normal(np.random.Philox(key=5), 1_000_000)
     theirs = np.random.Generator(np.random.Philox(key=5)).standard_normal(1_000_000)
     assert np.abs(ours - theirs).max() <= 1e-13  # numpy's tables have their own last digits
@@ -119,11 +119,11 @@ def test_dense_solutions_leave_residuals_of_rounding():
     rng = np.random.default_rng(2)
     root = rng.normal(size=(60, 60))
     matrix, right = root @ root.T + np.eye(60), rng.normal(size=(60, 4))
-    upper, found = matrix.copy(), right.copy()
+    upper, solution = matrix.copy(), right.copy()
     assert factorise_cholesky(upper) == 0
-    solve_cholesky_columns(upper, found)
-    assert np.abs(matrix @ found - right).max() < 1e-11
-    assert np.abs(np.linalg.solve(matrix, right) - found).max() < 1e-11
+    solve_cholesky_columns(upper, solution)
+    assert np.abs(matrix @ solution - right).max() < 1e-11
+    assert np.abs(np.linalg.solve(matrix, right) - solution).max() < 1e-11
     a = rng.normal(size=(5, 60))
     assert np.abs(product(a, right) - a @ right).max() < 1e-13
 
@@ -132,10 +132,10 @@ def test_complex_systems_have_the_bits_of_pythons_own_arithmetic():
     """Twenty systems at once, with rows exchanged. Python follows the same rules, one number at a time."""
     rng = np.random.default_rng(5)
     left, right = (rng.normal(size=(20, 6, m)) + 1j * rng.normal(size=(20, 6, m)) for m in (6, 3))
-    mine, found = left.copy(), right.copy()
-    solve_complex(mine, found)
-    assert np.abs(left @ found - right).max() < 1e-12
-    for matrix, b, x in zip(left.tolist(), right.tolist(), found.tolist()):
+    factored, solution = left.copy(), right.copy()
+    solve_complex(factored, solution)
+    assert np.abs(left @ solution - right).max() < 1e-12
+    for matrix, b, x in zip(left.tolist(), right.tolist(), solution.tolist()):
         for k in range(6):
             sizes = [row[k].real ** 2 + row[k].imag ** 2 for row in matrix[k:]]
             best = k + sizes.index(max(sizes))
@@ -190,13 +190,13 @@ def test_sparse_solutions_of_matrices_with_both_signs():
 def test_a_singular_matrix_is_reported_with_its_rows():
     """Rows 0 and 1 pull only at each other; 2 and 3 are held. 0.1 + 0.2 - 0.3 = 5.6e-17 is not a pivot."""
     pairs, q = np.array([[0, 1], [2, 3]]), np.array([-1.0, -1.0])
-    with pytest.raises(Singular) as told:
+    with pytest.raises(Singular) as raised:
         solve_sparse(pairs, q, np.array([1.0, 1.0, 2.0, 2.0]), np.ones((4, 1)))
-    assert told.value.rows.tolist() == [0, 1]
+    assert raised.value.rows.tolist() == [0, 1]
     alone = np.zeros((0, 2), int), np.zeros(0), np.array([0.1 + 0.2 - 0.3, 1.0]), np.ones((2, 1))
-    with pytest.raises(Singular) as told:
+    with pytest.raises(Singular) as raised:
         solve_sparse(*alone, size=np.array([0.6, 1.0]))
-    assert told.value.rows.tolist() == [0]
+    assert raised.value.rows.tolist() == [0]
 
 
 def test_a_pivot_of_zero_is_no_singular_matrix():

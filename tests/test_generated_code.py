@@ -8,7 +8,7 @@ import pytest
 from conftest import run_process
 from numba import cfunc, types
 from other_vectors import python_with
-from processors import JOBS, ROOT, digest, kept
+from processors import JOBS, ROOT, digest, stored_digests
 
 from netfall.core.kernels import OPTIONS
 from netfall.core.vectors import LANES
@@ -30,7 +30,7 @@ def text(request) -> str:
 
 def products_that_are_added(text: str) -> list[str]:
     """Return lines that add or subtract a product of vectors of the same function."""
-    found, products = [], set()
+    result, products = [], set()
     for line in text.splitlines():
         if line.startswith("define"):
             products = set()
@@ -39,8 +39,8 @@ def products_that_are_added(text: str) -> list[str]:
             products.add(product[1])
         added = re.match(rf"\s*%[\w.]+ = f(?:add|sub) (?:\w+ )*{VECTOR} (.*)", line)
         if added and products & set(re.findall(r"%[\w.]+", added[1])):
-            found.append(line.strip())
-    return found
+            result.append(line.strip())
+    return result
 
 
 def test_products_are_added_only_by_fma(text):
@@ -52,7 +52,7 @@ def test_products_are_added_only_by_fma(text):
 def test_the_compiler_does_not_contract_operations(text):
     """Machine code has about the given number of fused operations, and no flag allows more."""
     assert not re.search(r"f(?:add|sub|mul|div) (?:fast|contract|reassoc|nnan|ninf)", text)
-    asked = len(re.findall(rf"call {VECTOR} @llvm\.fma\.", text))
+    expected = len(re.findall(rf"call {VECTOR} @llvm\.fma\.", text))
     features = llvm.get_host_cpu_features().flatten()
     if "+fma" not in features:
         pytest.skip("the processor has no fused operations")
@@ -63,13 +63,13 @@ def test_the_compiler_does_not_contract_operations(text):
     registers = ("zmm", "ymm") if LANES == 8 else ("ymm", "xmm")  # a vector is in one or in two
     wide, half = (len(re.findall(rf"vfn?m(?:add|sub)\d*pd\s.*%{name}", made)) for name in registers)
     # equal operations become one, and the compiler writes a few blocks twice
-    assert 0.9 * asked < wide + half // 2 < 1.05 * asked + 2
+    assert 0.9 * expected < wide + half // 2 < 1.05 * expected + 2
 
 
 @pytest.mark.long
 def test_the_bits_do_not_depend_on_the_width_of_vectors_or_the_size_of_chunks(tmp_path):
     """A storm with fractures, in wide vectors and large chunks. Others: test_compile.py."""
     result = tmp_path / "result.vtkhdf"
-    there = os.environ | {"PYTHONPATH": str(ROOT / "src"), "NUMBA_CACHE_DIR": str(tmp_path)}
-    run_process(*python_with(16, 4096), "run", JOBS["saddle"], "-o", result, "--quiet", environment=there)
-    assert digest(result) == kept()["saddle"]
+    own = os.environ | {"PYTHONPATH": str(ROOT / "src"), "NUMBA_CACHE_DIR": str(tmp_path)}
+    run_process(*python_with(16, 4096), "run", JOBS["saddle"], "-o", result, "--quiet", environment=own)
+    assert digest(result) == stored_digests()["saddle"]

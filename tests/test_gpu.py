@@ -33,7 +33,7 @@ JOB += "[dynamics]\nduration = 0.01\n"
 
 def scenes():
     """Scenes of which a GPU can step any."""
-    flags = {name: st.booleans() if there else st.just(False) for name, there in ON_GPU.items()}
+    flags = {name: st.booleans() if can_be_on else st.just(False) for name, can_be_on in ON_GPU.items()}
     return st.fixed_dictionaries(flags | {"wind": st.sampled_from(WINDS)})
 
 
@@ -59,22 +59,22 @@ def run_on_both(places: list[Path], how: str) -> Counter:
     command = [sys.executable, ROOT / "tests" / "gpu_runs.py", how, *places]
     done = subprocess.run(command, capture_output=True, text=True, timeout=1800, env=os.environ)
     assert done.returncode == 0, done.stderr
-    seen: Counter = Counter()
+    counts: Counter = Counter()
     for place, line in zip(places, done.stdout.splitlines(), strict=True):
         name, on_cpu, on_gpu, *lines = line.split(" ")
         assert name == place.name and on_gpu == on_cpu and not any(lines), line
-        seen[f"exit code {on_cpu}"] += 1
+        counts[f"exit code {on_cpu}"] += 1
         if on_cpu == "0":
             figures_of_run = figures(place / "cpu.vtkhdf")
-            seen.update(key for key in ("broken", "yielded", "slack") if figures_of_run[key])
-    return seen
+            counts.update(key for key in ("broken", "yielded", "slack") if figures_of_run[key])
+    return counts
 
 
 @pytest.mark.parametrize("scene, how", [(ALL, "alone"), (OTHER, "crowded")], ids=["alone", "crowded"])
 def test_a_gpu_gives_the_bits_of_the_cpu_in_every_dataset(tmp_path, scene, how):
     """Nets with everything that a GPU steps, in the simulator."""
-    seen = compare(tmp_path, st.just(scene), 2, how)
-    assert seen["exit code 0"] == 2 and seen["broken"] and seen["yielded"] and seen["slack"], seen
+    counts = compare(tmp_path, st.just(scene), 2, how)
+    assert counts["exit code 0"] == 2 and counts["broken"] and counts["yielded"] and counts["slack"], counts
 
 
 def test_yield_and_extremes_between_rows_have_the_bits_of_the_cpu(tmp_path):
@@ -90,8 +90,9 @@ def test_yield_and_extremes_between_rows_have_the_bits_of_the_cpu(tmp_path):
 @pytest.mark.parametrize("how", ["alone", "together"])
 def test_a_gpu_gives_the_bits_of_the_cpu_for_random_nets(tmp_path, how):
     """Twenty-four scenes, of which some are refused on both."""
-    seen = compare(tmp_path, scenes(), 24, how)
-    assert seen["exit code 0"] >= 20 and min(seen[key] for key in ("broken", "yielded", "slack")) > 3, seen
+    counts = compare(tmp_path, scenes(), 24, how)
+    assert counts["exit code 0"] >= 20, counts
+    assert min(counts[key] for key in ("broken", "yielded", "slack")) > 3, counts
 
 
 STUDY = """

@@ -123,7 +123,10 @@ def test_variance_and_half_octaves_agree_with_the_spectrum(spectrum, dt):
         n = np.linspace(lower, upper, 200)
         ratio = np.trapezoid(own_spectrum(model, dt, n), n) / np.trapezoid(gust.spectrum(n), n)
         assert abs(ratio - 1) < 0.15, (lower, ratio)
-        assert abs(ratio - 1) < abs(model.losses.misfit) + 0.04, (lower, ratio)  # what it tells; finer bands
+        assert abs(ratio - 1) < abs(model.losses.misfit) + 0.04, (
+            lower,
+            ratio,
+        )  # of the noted misfit; finer bands
     slowest = model.losses.slow_below
     assert model.losses.slow_target == pytest.approx(below(slowest) / share, rel=1e-9)
     n = (np.arange(2**12) + 0.5) * slowest / 2**12
@@ -156,15 +159,15 @@ def test_coherence_follows_the_direction(direction):
     axes = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
     n = np.array([0.02, 0.03, 0.1, 0.2, 0.4, 0.8])
     S = cross_spectra(field.model, 0.05, n)
-    seen = set()
+    directions = set()
     for i, j in itertools.combinations(range(len(S[0])), 2):
         apart = axes @ (field.control_point[i] - field.control_point[j])
-        across = abs(apart[0]) < 1e-9  # else along, or askew
-        seen |= {"across"} if across else {"along"} if abs(apart[1]) < 1e-9 else set()
-        asked = davenport_coherence(n, apart, np.array(DECAY), 40.0)
+        across = abs(apart[0]) < 1e-9  # otherwise along, or oblique
+        directions |= {"across"} if across else {"along"} if abs(apart[1]) < 1e-9 else set()
+        expected = davenport_coherence(n, apart, np.array(DECAY), 40.0)
         ours = (S[:, i, j] / np.sqrt(S[:, i, i] * S[:, j, j])).real
-        assert np.abs(ours - asked).max() < 0.1, (i, j, ours, asked)  # fit of the default lags: 0.08
-    assert seen == {"along", "across"}
+        assert np.abs(ours - expected).max() < 0.1, (i, j, ours, expected)  # fit of the default lags: 0.08
+    assert directions == {"along", "across"}
 
 
 def load_on(field, share):
@@ -189,19 +192,20 @@ def test_mean_gusts_give_the_load_of_the_coherence(direction):
         np.sin(np.pi * a) * np.sin(np.pi * b),
         np.sin(2 * np.pi * a) * np.sin(np.pi * b),
     ):
-        asked = np.array([wave @ np.exp(-f * delay) @ wave for f in n]) * gust.spectrum(n)
+        expected = np.array([wave @ np.exp(-f * delay) @ wave for f in n]) * gust.spectrum(n)
         at, power = [], []
         for field in (means, points):
             load = load_on(field, wave)
-            at.append(load @ cross_spectra(field.model, 0.05, n[some]).real @ load / asked[some])
-            power.append(load @ field.model.covariance @ load / np.trapezoid(asked, n))
+            at.append(load @ cross_spectra(field.model, 0.05, n[some]).real @ load / expected[some])
+            power.append(load @ field.model.covariance @ load / np.trapezoid(expected, n))
         # a whole wave over some five control points loses the bends between them
         assert power[0] == pytest.approx(1.0, abs=0.03)
         assert power[1] > 1.25 and at[1][3] > 2.5
         assert at[0] == pytest.approx(np.ones(4), abs=0.18)  # lags miss half octaves by 0.1
         if wave.all() and not np.ptp(wave):
-            told = load_power((y, square_variances(up)), up, points, gusty(**fast), n, np.eye(len(n))[some])
-            assert told == pytest.approx(at[1], rel=0.18)
+            up_variances = square_variances(up)
+            computed = load_power((y, up_variances), up, points, gusty(**fast), n, np.eye(len(n))[some])
+            assert computed == pytest.approx(at[1], rel=0.18)
     share = means.deviation / gust.deviation
     assert 0.7 < share.min() < share.max() < 1.1
 
@@ -220,10 +224,10 @@ def test_gusts_on_a_coarse_roof_act_on_its_whole_area(workshop):
     loaded = 1.0 * (np.minimum.outer(at, at) < 10.0)
     a, b = np.meshgrid(*(2 * [0.5 * np.arange(-79, 80)]), indexing="ij")
     pairs, n = scipy.signal.fftconvolve(loaded, loaded), np.geomspace(1e-4, 10.0, 100)
-    kept = [np.sum(pairs * np.exp(-f * np.hypot(8.0 * a, 16.0 * b) / 40.0)) / pairs.sum() for f in n]
+    shares = [np.sum(pairs * np.exp(-f * np.hypot(8.0 * a, 16.0 * b) / 40.0)) / pairs.sum() for f in n]
     load = load_on(field, model.roof.area / 1200.0)
-    asked = np.trapezoid(kept * gust.spectrum(n), n)
-    assert load @ field.model.covariance @ load == pytest.approx(asked, rel=0.02)
+    expected = np.trapezoid(shares * gust.spectrum(n), n)
+    assert load @ field.model.covariance @ load == pytest.approx(expected, rel=0.02)
 
 
 def test_a_wind_direction_equals_a_rotated_net():
@@ -255,7 +259,7 @@ def uneven_facade():
 @pytest.mark.parametrize("net", [uneven_saddle, uneven_facade])
 @pytest.mark.parametrize("gusts", ["area_mean", "point"])
 def test_gusts_do_not_depend_on_the_order_of_nodes(net, gusts):
-    """Nor on nodes without wind. Points of a mirror image are mirror images."""
+    """They do not depend on nodes without wind either. Points of a mirror image are mirror images."""
     x, vector = net()
     wind = gusty(speed=30.0, gust_field=gusts)
     one, order = make_wind_field(x, vector, wind), np.random.default_rng(1).permutation(len(x))
@@ -281,8 +285,8 @@ def test_rounding_of_a_symmetric_form_does_not_change_its_gusts(size):
     exact = make_wind_field(x, vector, wind).control_point
     for seed in range(5):
         error = size * np.random.default_rng(seed).standard_normal((2, 121, 3))
-        found = make_wind_field(x + error[0], vector + error[1], wind).control_point
-        assert np.abs(found - exact).max() < 10.0 * size + 1e-12
+        control_point = make_wind_field(x + error[0], vector + error[1], wind).control_point
+        assert np.abs(control_point - exact).max() < 10.0 * size + 1e-12
 
 
 @pytest.mark.parametrize("turn", [1e-9, -1e-9])
@@ -359,13 +363,13 @@ def test_a_recursion_resumes_from_its_record():
     model = model_of(0.2, POINTS[:4])[1]
     for stop in (64, 100):
         whole, first, later = (GustRecursion(model, 7) for _ in range(3))
-        asked = [whole.advance() for _ in range(stop + 80)][stop:]
+        expected = [whole.advance() for _ in range(stop + 80)][stop:]
         for _ in range(stop):
             first.advance()
         record = copy.deepcopy(first.record())
         later.advance()
         later.restore(*record)
-        assert (np.array([later.advance() for _ in range(80)]) == np.array(asked)).all()
+        assert (np.array([later.advance() for _ in range(80)]) == np.array(expected)).all()
 
 
 # --- walls and tall nets
@@ -400,13 +404,13 @@ def over_the_facade(n, decay, waves):
     The integral over places along a side L with one separation a is L - a for that load, for half a wave
     ((L - a) cos(pi a / L) + L / pi sin(pi a / L)) / 2.
     """
-    found = []
+    sides = []
     for size in (WIDE, HIGH):
         a, weight = steep(size)
         wave = np.pi * a / size
         half = 0.5 * ((size - a) * np.cos(wave) + size / np.pi * np.sin(wave))
-        found.append((a, 2.0 * weight * (half if waves else size - a)))
-    (a, of_a), (b, of_b) = found
+        sides.append((a, 2.0 * weight * (half if waves else size - a)))
+    (a, of_a), (b, of_b) = sides
     delay = np.hypot(decay[1] * a[:, None], decay[2] * b) / 40.0
     return np.array([of_a @ np.exp(-f * delay) @ of_b for f in n])
 
@@ -428,13 +432,13 @@ def test_the_gust_load_of_a_facade_follows_its_coherence(upward):
     whole, first = (0.05, 0.1) if upward < 100.0 else (0.1, 0.25)
     for waves, share, off in ((0, vector[:, 0], whole), (1, vector[:, 0] * mode, first)):
         load = load_on(field, share)
-        asked = np.trapezoid(over_the_facade(n, decay, waves) * gust.spectrum(n), n)
-        assert load @ field.model.covariance @ load == pytest.approx(asked, rel=0.05)
+        expected = np.trapezoid(over_the_facade(n, decay, waves) * gust.spectrum(n), n)
+        assert load @ field.model.covariance @ load == pytest.approx(expected, rel=0.05)
         for low in 0.05 * 2.0 ** np.arange(5):
             band = np.linspace(low, 2 * low, 12)
             ours = np.sum(load @ cross_spectra(field.model, 0.05, band).real @ load)
-            told = np.sum(over_the_facade(band, decay, waves) * gust.spectrum(band))
-            assert ours == pytest.approx(told, rel=off), (waves, low)
+            computed = np.sum(over_the_facade(band, decay, waves) * gust.spectrum(band))
+            assert ours == pytest.approx(computed, rel=off), (waves, low)
     assert np.ptp(field.control_point[:, 2]) > 0.5 * HIGH
 
 
@@ -444,14 +448,14 @@ def test_each_decay_changes_the_load_of_a_masted_net():
     x = np.column_stack([a, b, 20.0 * (1 - np.hypot(a, b) / 29.0) ** 2])
     vector = np.tile([0.0, 0.0, 16.0], (len(x), 1))
     for gusts in ("area_mean", "point"):
-        found = []
+        variances = []
         for decay in ((8.0, 16.0, 10.0), (4.0, 16.0, 10.0), (8.0, 8.0, 10.0), (8.0, 16.0, 20.0)):
             field = make_wind_field(x, vector, gusty(gust_field=gusts, coherence_decay=decay))
             load = load_on(field, vector[:, 2])
-            found.append(load @ field.model.covariance @ load)
+            variances.append(load @ field.model.covariance @ load)
         # less decay: the load is more alike; more: less
-        assert found[1] > 1.005 * found[0] and found[2] > 1.02 * found[0], gusts
-        assert found[3] < 0.998 * found[0], gusts
+        assert variances[1] > 1.005 * variances[0] and variances[2] > 1.02 * variances[0], gusts
+        assert variances[3] < 0.998 * variances[0], gusts
 
 
 def test_gust_points_of_a_roof_are_in_plan_and_those_of_a_wall_in_space():
@@ -503,11 +507,11 @@ def test_the_error_of_the_coherence_is_that_by_hand():
     lacks = lambda delay: (
         1 - np.trapezoid(gust.spectrum(n) * np.exp(-n * delay), n) / np.trapezoid(gust.spectrum(n), n)
     )
-    asked = {True: [], False: []}
+    exact = {True: [], False: []}
     for p, q in itertools.combinations(x, 2):
         across, up = 16.0 * abs(p - q)[1], 10.0 * abs(p - q)[2]
-        asked[up > across].append(lacks(math.hypot(across, up) / 30.0) ** 2)
-    told = coherence_errors(x, make_wind_field(x, vector, one), one, gust)
-    assert told == pytest.approx([np.mean(asked[k]) ** 0.5 for k in (False, True)], rel=5e-3)  # quadratures
+        exact[up > across].append(lacks(math.hypot(across, up) / 30.0) ** 2)
+    error = coherence_errors(x, make_wind_field(x, vector, one), one, gust)
+    assert error == pytest.approx([np.mean(exact[k]) ** 0.5 for k in (False, True)], rel=5e-3)  # quadratures
     flat = coherence_errors(x[:, [0, 1, 0]], make_wind_field(x[:, [0, 1, 0]], vector, one), one, gust)
     assert flat[0] > 0.0 and np.isnan(flat[1])

@@ -64,9 +64,9 @@ def hung(a, b, L0: np.ndarray, p: np.ndarray) -> np.ndarray:
 
     chord, total = np.subtract(b, a), p.sum(0)
     pull = np.linalg.norm(total) * chord / np.linalg.norm(chord)
-    found = root(lambda first: shape(first)[-1] - b, 0.5 * total + pull, method="lm", tol=1e-13)
-    assert np.abs(found.fun).max() < 1e-8
-    return shape(found.x)
+    solution = root(lambda first: shape(first)[-1] - b, 0.5 * total + pull, method="lm", tol=1e-13)
+    assert np.abs(solution.fun).max() < 1e-8
+    return shape(solution.x)
 
 
 def catenary_force(L0: float) -> float:
@@ -91,7 +91,9 @@ def test_a_long_chain_is_an_elastic_catenary(workshop, n, ratio):
         x, N = positions(f), f["statics/tension"][-1]
         assert f["statics"].attrs["state"] == "equilibrium" and not f["statics/relaxed"][-1]
     assert -x[:, 2].min() == pytest.approx(sag, rel=1.0 / n**2 + 1e-6)
-    in_parts = np.hypot(H, WEIGHT * L0 / (2.0 * n))  # beside the lowest node, which carries one part's weight
+    in_parts = np.hypot(
+        H, WEIGHT * L0 / (2.0 * n)
+    )  # next to the lowest node, which carries one part's weight
     assert N.min() == pytest.approx(in_parts, rel=1.0 / n**2 + 1e-6)
 
 
@@ -232,5 +234,5 @@ def test_an_undecided_case_does_not_affect_others(workshop):
     study = workshop.folder / "study.toml"
     study.write_text('job = "job.toml"\n[vary]\n"load.tolerance" = [1e-6]\n')
     run_on_standing_ranks("study", study, "--workers", 1, "-o", workshop.folder / "s.study.h5", code=3)
-    told = run_on_standing_ranks("info", workshop.folder / "s.study.h5").stdout
-    assert "1 undecided (no equilibrium was found, but there may be one; left out of the curves)" in told
+    output = run_on_standing_ranks("info", workshop.folder / "s.study.h5").stdout
+    assert "1 undecided (no equilibrium was found, but there may be one; left out of the curves)" in output

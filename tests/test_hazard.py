@@ -214,7 +214,7 @@ def test_a_bound_without_failures_is_explained_by_its_speed(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "key, ways, told",
+    "key, ways, explanation",
     [
         ("wind.direction", 2, "all wind of a year blows from its wind.direction"),
         ("wind.direction", 12, "runs of every wind.direction have equal weight"),
@@ -222,14 +222,14 @@ def test_a_bound_without_failures_is_explained_by_its_speed(tmp_path):
         ("wind.air_density", 12, ""),
     ],
 )
-def test_annual_probabilities_explain_their_wind_directions(tmp_path, key, ways, told):
+def test_annual_probabilities_explain_their_wind_directions(tmp_path, key, ways, explanation):
     """Two directions have a curve each, with all annual maxima; twelve share one. Densities have none."""
     samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
     samples |= {key: 30.0 * (np.arange(len(samples["wind.seed"])) % ways)}
     write_year(tmp_path / "a.study.h5", samples)
-    said = study_lines(tmp_path / "a.study.h5").splitlines()
-    lines = [line for line in said if "wind.direction" in line and "note: " in line]
-    assert len(lines) == bool(told) and told in "".join(lines)
+    output = study_lines(tmp_path / "a.study.h5").splitlines()
+    lines = [line for line in output if "wind.direction" in line and "note: " in line]
+    assert len(lines) == bool(explanation) and explanation in "".join(lines)
 
 
 def test_an_annual_probability_from_short_winds_is_a_warning(tmp_path):
@@ -246,12 +246,12 @@ def test_seeds_of_the_strength_are_not_realisations_of_the_gusts(tmp_path, seed)
     samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
     samples[seed] = samples.pop("wind.seed")
     write_study(tmp_path / "a.study.h5", samples, curve_sections(samples)["fragility"])
-    said = study_lines(tmp_path / "a.study.h5")
-    assert ("all samples have the same gusts" in said) == (seed != "wind.seed")
+    text = study_lines(tmp_path / "a.study.h5")
+    assert ("all samples have the same gusts" in text) == (seed != "wind.seed")
     samples["duration"][:] = np.nan  # equilibria, without gusts
     write_study(tmp_path / "b.study.h5", samples, curve_sections(samples)["fragility"])
-    said = study_lines(tmp_path / "b.study.h5")
-    assert "all samples have the same gusts" not in said and "failed of those that ran; static wind" in said
+    text = study_lines(tmp_path / "b.study.h5")
+    assert "all samples have the same gusts" not in text and "failed of those that ran; static wind" in text
 
 
 def test_a_plot_marks_truncated_intervals(tmp_path):
@@ -289,8 +289,8 @@ def test_new_criteria_and_hazards_need_no_new_runs(tmp_path):
     study.write_text('job = "roof.toml"\n' + study.read_text())
     done = run_on_standing_ranks("study", study, cwd=tmp_path)
     assert "runs to make" not in done.stdout and "written: " in done.stdout
-    told = run_on_standing_ranks("info", tmp_path / "storm.study.h5", cwd=tmp_path).stdout
-    assert "a roof by the sea" in told and "moves" in told and "gumbel (mode 25, scale 2.5)" in told
+    output = run_on_standing_ranks("info", tmp_path / "storm.study.h5", cwd=tmp_path).stdout
+    assert "a roof by the sea" in output and "moves" in output and "gumbel (mode 25, scale 2.5)" in output
     assert "whole already, 4 runs" in run_on_standing_ranks("study", study, cwd=tmp_path).stdout
 
 
@@ -343,7 +343,7 @@ def test_errors_in_these_sections_are_named(tmp_path, text, says):
 
 
 def test_limits_of_outcomes_take_units():
-    """As lengths and forces of a job do; a number is in SI units."""
+    """They take the units of lengths and forces of a job; a number is in SI units."""
     limits = {"displacement_max": "1.2 mm", "tension_max": "80 kN", "utilisation_max": 0.5}
     entries = [{"name": name, "outcome": name, "limit": limit} for name, limit in limits.items()]
     criteria = failure_sections(entries, False, check := Validator("", []))
@@ -392,8 +392,8 @@ def test_openturns_finds_the_probability_of_a_rare_failure():
     pytest.importorskip("openturns")
     script = ROOT / "jobs" / "studies" / "rare_openturns.py"
     done = run_process(BIN / "python", script, code=None, timeout=None)
-    told = re.search(r"probability (\S+) \((\S+) to (\S+),", done.stdout)
-    probability, low, high = map(float, told.groups())
+    match = re.search(r"probability (\S+) \((\S+) to (\S+),", done.stdout)
+    probability, low, high = map(float, match.groups())
     assert low <= 0.90e-2 <= high and 0.50e-2 <= probability <= 1.6e-2, done.stdout + done.stderr
 
 

@@ -202,6 +202,6 @@ def test_the_most_specific_value_counts(workshop, columns, rows, forces, densiti
     head, *lines = THREE.splitlines()
     table = "\n".join([head + columns, *(line + rows for line in lines)]) + "\n"
     net = build_net(read_job(workshop.job(text, TRIANGLE, table)))
-    found = np.full(3, np.nan) if net.horizontal_force is None else net.horizontal_force
-    assert found.tolist() == pytest.approx(forces, nan_ok=True)
+    given = np.full(3, np.nan) if net.horizontal_force is None else net.horizontal_force
+    assert given.tolist() == pytest.approx(forces, nan_ok=True)
     assert net.force_density.tolist() == pytest.approx(densities, nan_ok=True)

@@ -73,7 +73,7 @@ WITHOUT = {
 }
 
 # Functions whose last bit numpy and the C library choose by the processor (`core` has its own), and who
-# may take them all the same: what is told, drawn or rounded from them is not kept.
+# may use them nevertheless: text, pictures and rounded values are not stored.
 BY_PROCESSOR = {
     *("log", "log1p", "log2", "log10", "exp", "exp2", "expm1", "sin", "cos", "tan", "sinh", "cosh", "tanh"),
     *(
@@ -116,31 +116,31 @@ def within(name: str, places: list[str]) -> bool:
 @cache
 def imports(module: str) -> frozenset[str]:
     """Return the imports of a module, also in functions: netfall's as ".job.read", others by first name."""
-    found = set()
+    result = set()
     for node in ast.walk(ast.parse(MODULES[module].read_text())):
         if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
+            result |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{MODULES[module]}:{node.lineno}: imports by its place, not by its name"
             below = {f"{node.module}.{alias.name}" for alias in node.names}
             modules = {name for name in below if name.removeprefix("netfall.") in MODULES}
-            found |= modules if modules else {node.module}
-    ours = {name for name in found if name.split(".")[0] == "netfall"}
+            result |= modules if modules else {node.module}
+    ours = {name for name in result if name.split(".")[0] == "netfall"}
     return frozenset(
         {"." + name.removeprefix("netfall").removeprefix(".") for name in ours}
-        | {name.split(".")[0] for name in found - ours}
+        | {name.split(".")[0] for name in result - ours}
     )
 
 
 def reached(module: str) -> set[str]:
     """Return all direct and indirect imports of a module, as `imports`."""
-    found, open_ends = set(), {"." + module}
+    result, open_ends = set(), {"." + module}
     while open_ends:
         name = open_ends.pop()
-        found.add(name)
+        result.add(name)
         if name.startswith("."):
-            open_ends |= imports(name[1:]) - found
-    return found
+            open_ends |= imports(name[1:]) - result
+    return result
 
 
 def test_packages_import_only_lower_layers():

@@ -1,4 +1,4 @@
-"""Where people begin: `netfall init`, and the examples in --help."""
+"""First steps of users: `netfall init`, and the examples in --help."""
 
 import json
 import re
@@ -29,9 +29,9 @@ def test_the_first_job_is_valid_and_names_every_key(tmp_path):
     """It passes the check as it stands; each key is there, and a section that is uncommented is read."""
     path = tmp_path / "roof.toml"
     path.write_text(new_job(path))
-    said = []
-    check_job(read_job(path), said.append)
-    assert any(line.startswith("stages: form finding") for line in said)
+    lines = []
+    check_job(read_job(path), lines.append)
+    assert any(line.startswith("stages: form finding") for line in lines)
     text = path.read_text()
     for section, keys in (TABLES | LIST_KEYS).items():
         place = f"[[{section}]]" if section in LIST_KEYS else f"[{section}]"
@@ -103,38 +103,38 @@ def drawn_net() -> tuple[str, str]:
 
 def test_the_picture_of_check_shows_the_job(workshop, monkeypatch):
     """Its legend counts the entries of the tables."""
-    kept = []
-    monkeypatch.setattr(canvas.plt, "close", kept.append)
+    figures = []
+    monkeypatch.setattr(canvas.plt, "close", figures.append)
     job = workshop.job(STEEL + DRAWN, *drawn_net())
     read = read_job(job)
     picture = plot_job_net(read, make_layout(read, 1), workshop.folder / "pictures")
     assert picture.name == "job_net.png" and picture.stat().st_size > 10_000
-    legends = [legend for half in kept[0].subfigs for legend in half.legends]
-    told = [text.get_text() for legend in legends for text in legend.get_texts()]
-    assert {"edge, 6", "net, 18", "supports, 3", "springs, 2 (z: 2)", "probes, 2"} <= set(told)
-    assert {"held in part, 1 (y: 1, z: 1)", "to be removed, 2", "[output] elements, 1"} <= set(told)
+    legends = [legend for half in figures[0].subfigs for legend in half.legends]
+    labels = [text.get_text() for legend in legends for text in legend.get_texts()]
+    assert {"edge, 6", "net, 18", "supports, 3", "springs, 2 (z: 2)", "probes, 2"} <= set(labels)
+    assert {"held in part, 1 (y: 1, z: 1)", "to be removed, 2", "[output] elements, 1"} <= set(labels)
     # nodes of "drift": (4, 0), (6, 0) and (4, 2), (6, 2), of which the first two are at the edge too
-    assert "zone drift, 4 nodes, 9 m2 in plan" in told
-    assert "wind of 25 m/s to 200 degrees (from 20 degrees)" in told
-    assert "zone glass, 5 nodes, 8 m2 in plan" in told and "no zone, 7 nodes, 19 m2 in plan" in told
+    assert "zone drift, 4 nodes, 9 m2 in plan" in labels
+    assert "wind of 25 m/s to 200 degrees (from 20 degrees)" in labels
+    assert "zone glass, 5 nodes, 8 m2 in plan" in labels and "no zone, 7 nodes, 19 m2 in plan" in labels
 
 
 def test_the_picture_of_a_large_net_shows_every_kth_cable(tmp_path):
-    """Of each group, evenly: a saddle of 100 cables each way, of which each fifth is left."""
+    """The choice is even in each group: a saddle of 100 cables each way shows each fifth."""
     path = tmp_path / "job.toml"
     path.write_text(bare_saddle(101, rise=2.0))
     net = build_net(read_job(path))
     rows, every = select_cables(net.cable, net.group, net.m // 5)
     assert every == 5 and net.m == 20_200
     for group, axis in ((0, 1), (1, 0)):
-        mine = rows[net.group[rows] == group]
-        at = np.unique(net.x[net.elements[mine], axis].round(9))
-        assert len(at) == 20 and len(mine) == 20 * 101 and np.allclose(np.diff(at), 5 * 40.0 / 101)
+        in_group = rows[net.group[rows] == group]
+        at = np.unique(net.x[net.elements[in_group], axis].round(9))
+        assert len(at) == 20 and len(in_group) == 20 * 101 and np.allclose(np.diff(at), 5 * 40.0 / 101)
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_each_example_is_short_and_runs(tmp_path, name):
-    """It needs nothing but itself, and editors find its schema beside it. A collapse warns of yield alone."""
+    """It needs no other file, and editors find its schema next to it. A collapse warns of yield alone."""
     run_on_standing_ranks("init", "--example", name, cwd=tmp_path)
     text = (tmp_path / f"{name}.toml").read_text()
     assert len([line for line in text.splitlines() if line and not line.startswith("#")]) <= 40
@@ -167,8 +167,8 @@ def test_examples_with_tables_by_hand(tmp_path):
 def test_check_and_info_print_json(tmp_path):
     """One object in SI units, with the errors of a wrong job and exit code 2."""
     run_on_standing_ranks("init", "--example", "dome", cwd=tmp_path)
-    told = json.loads(run_on_standing_ranks("check", "dome.toml", "--json", cwd=tmp_path).stdout)
-    assert told["valid"] and told["elements"] == 600 and told["groups"]["strut"] == 96
+    values = json.loads(run_on_standing_ranks("check", "dome.toml", "--json", cwd=tmp_path).stdout)
+    assert values["valid"] and values["elements"] == 600 and values["groups"]["strut"] == 96
     command = ["check", "dome.toml", "--json", "--set", "load.snoww=1"]
     wrong = run_on_standing_ranks(*command, cwd=tmp_path, code=2)
     (line,) = json.loads(wrong.stdout)["errors"]

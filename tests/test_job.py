@@ -19,7 +19,7 @@ NAMES = [f"{section}.{key.name}".lstrip(".") for section, key in ALL_KEYS]
 
 
 def test_every_number_has_an_upper_bound():
-    """So 1e300 is refused where it stands, not by an overflow or by nothing."""
+    """The message names the key of a 1e300, instead of an overflow or no message."""
     numbers = ("number", "integer", "vector", "pressure", "points", "places", "polygon")
     rows = [key for keys in (*TABLES.values(), *LIST_KEYS.values()) for key in keys if key.kind in numbers]
     free = {"max_iterations"}  # of integers, which are refused beyond 64 bits
@@ -188,10 +188,10 @@ def test_malformed_inputs_made_from_the_schema_are_refused(ranks, cases, monkeyp
         monkeypatch.setattr(sys, "argv", sys.argv)
         with pytest.raises(SystemExit, match="0"):
             bad_inputs.main(cases)
-        said = capsys.readouterr().out
+        output = capsys.readouterr().out
     else:
-        said = run_process(*on_ranks(ranks), sys.executable, bad_inputs.__file__, cases).stdout
-    assert said.splitlines()[-1] == f"{cases} malformed inputs on {ranks} ranks, 0 answered wrong"
+        output = run_process(*on_ranks(ranks), sys.executable, bad_inputs.__file__, cases).stdout
+    assert output.splitlines()[-1] == f"{cases} malformed inputs on {ranks} ranks, 0 answered wrong"
 
 
 WINDS = (

@@ -75,16 +75,16 @@ def forces_of(state: State, plain: bool = True) -> tuple[np.ndarray, np.ndarray]
 
     plain : False: by the general kernel even where a simpler one would do
     """
-    found, near = np.zeros_like(state.x), np.zeros(state.n_owned, bool)
+    forces, flags = np.zeros_like(state.x), np.zeros(state.n_owned, bool)
     plan = StepPlan(state, NoHalo())
     chunks, scratch, work = chunks_of(plan), plan.scratch, plan._works[False]
     if not plain:
         work = work.with_values(elastic_forces=0, inelastic_forces=general_forces.address)
     for c, (low, high) in enumerate(zip(chunks.low, chunks.high)):
         any_near = run_chunk(c, work)
-        found[low:high], near[low:high] = scratch.f[:, : high - low].T, scratch.margin[: high - low] < 0.0
-        assert bool(any_near) == near[low:high].any()
-    return found, near
+        forces[low:high], flags[low:high] = scratch.f[:, : high - low].T, scratch.margin[: high - low] < 0.0
+        assert bool(any_near) == flags[low:high].any()
+    return forces, flags
 
 
 def law_forces(state: State) -> np.ndarray:
@@ -94,8 +94,8 @@ def law_forces(state: State) -> np.ndarray:
     return expected
 
 
-def assert_close(found: np.ndarray, expected: np.ndarray) -> None:
-    assert np.abs(found - expected).max() <= ROUNDING * np.abs(expected).max()
+def assert_close(computed: np.ndarray, expected: np.ndarray) -> None:
+    assert np.abs(computed - expected).max() <= ROUNDING * np.abs(expected).max()
 
 
 def lattice() -> np.ndarray:
@@ -117,10 +117,10 @@ LATTICE = np.column_stack([np.arange(1600) % 40, np.arange(1600) // 40, np.zeros
 
 def scene_of(row: str) -> Features:
     """Return the feature set of a row of zeros and ones."""
-    there = {name: one == "1" for name, one in zip(FEATURES, row)}
-    strain = "logarithmic" if there.pop("logarithmic") else "engineering"
-    strengths, buckling = there["fracture"] and there["sections"], there["bars"] and there["sections"]
-    return Features(strain=strain, strengths=strengths, buckling=buckling, **there)
+    has = {name: one == "1" for name, one in zip(FEATURES, row)}
+    strain = "logarithmic" if has.pop("logarithmic") else "engineering"
+    strengths, buckling = has["fracture"] and has["sections"], has["bars"] and has["sections"]
+    return Features(strain=strain, strengths=strengths, buckling=buckling, **has)
 
 
 SCENES = {row: scene_of(row) for row in EVERY}
@@ -138,8 +138,8 @@ def test_vector_kernels_agree_with_the_element_law(scene):
     state = random_state(scene, 1)
     now, expected = state.present_element_state(), law_forces(state)
     eps, eps_p = now.eps, now.eps_p
-    found, near = forces_of(state)
-    assert_close(found, expected)
+    forces, flags = forces_of(state)
+    assert_close(forces, expected)
     if scene.inelastic:
         over = np.zeros(state.m, bool)
         if scene.plastic:  # bars are pointed at, cables yield
@@ -149,13 +149,13 @@ def test_vector_kernels_agree_with_the_element_law(scene):
             assert np.abs(state.eps_p - eps_p)[cable].max() < 1e-12 and (eps_p > 0.004)[cable].any()
         if scene.fracture:
             over |= eps > state.eps_u
-        assert (over.any() or not (scene.fracture or scene.bars)) and near[state.ends[over]].all()
+        assert (over.any() or not (scene.fracture or scene.bars)) and flags[state.ends[over]].all()
 
 
 def share_in_line(state: State) -> float:
     """Return the share of vectors of owned particles whose far ends are consecutive."""
-    there = state.other[:, : state.n_owned - state.n_owned % LANES].astype(np.int64)
-    steps = np.diff(there.reshape(len(there), -1, LANES), axis=2)
+    others = state.other[:, : state.n_owned - state.n_owned % LANES].astype(np.int64)
+    steps = np.diff(others.reshape(len(others), -1, LANES), axis=2)
     return float((steps == 1).all((0, 2)).mean())
 
 
@@ -165,9 +165,9 @@ def test_fast_kernels_have_the_bits_of_the_general_one(scene):
     outcomes = []
     for plain in (True, False):
         state = make_state(scene, 1600, lattice(), LATTICE, 2)
-        found, _ = forces_of(state, plain)
+        forces, _ = forces_of(state, plain)
         assert share_in_line(state) >= 0.6  # all but those at the ends of rows
-        outcomes.append((found.tobytes(), b"" if state.slot_eps_p is None else state.slot_eps_p.tobytes()))
+        outcomes.append((forces.tobytes(), b"" if state.slot_eps_p is None else state.slot_eps_p.tobytes()))
     assert outcomes[0] == outcomes[1]
 
 

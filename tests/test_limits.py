@@ -47,12 +47,12 @@ def test_displacements_are_given_from_the_form_and_from_the_permanent_state(dead
     moved, cases = rows_of(folder / "displacements.csv"), rows_of(folder / "cases.csv")
     for name in SHARES:
         assert column(moved, f"{name} z")[3] == pytest.approx(-FROM_FORM[name], rel=1e-7)
-        found = column(moved, f"{name}, from permanent z")[3]
-        assert found == pytest.approx(-FROM_PERMANENT[name], rel=1e-7)
-        assert column(moved, f"{name}, from permanent")[3] == pytest.approx(abs(found), rel=1e-11)
+        computed = column(moved, f"{name}, from permanent z")[3]
+        assert computed == pytest.approx(-FROM_PERMANENT[name], rel=1e-7)
+        assert column(moved, f"{name}, from permanent")[3] == pytest.approx(abs(computed), rel=1e-11)
         row = next(row for row in cases if (row["case"], row["group"]) == (name, "lower"))
         assert float(row["displacement_max"]) == pytest.approx(abs(FROM_FORM[name]), rel=1e-7)
-        assert float(row["from_permanent_max"]) == pytest.approx(abs(found), rel=1e-9)
+        assert float(row["from_permanent_max"]) == pytest.approx(abs(computed), rel=1e-9)
         assert row["node_max"] == row["node_from_permanent"] == "5"
     page = (folder / "summary.md").read_text()
     moved = (1e3 * abs(at["heavy"]) for at in (FROM_FORM, FROM_PERMANENT))

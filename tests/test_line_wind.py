@@ -268,8 +268,8 @@ def test_fast_gusts_average_over_long_elements(workshop, direction):
     share = surface.over_patches(surface.area)[:, None] / surface.area.sum()
     n, a = np.array([0.1, 0.5, 1.0, 2.5, 5.0, 10.0]), np.linspace(0.0, 60.0, 20_001)
     ours = SurfaceMeans(*surface.pairs(share, (8.0, 16.0, 10.0))).covariances(n, np.eye(6))[:, 0, 0]
-    asked = [np.trapezoid(2.0 * (60.0 - a) * np.exp(-f * 10.0 * a / 40.0), a) / 60.0**2 for f in n]
-    assert ours == pytest.approx(asked, rel=0.05)
+    expected = [np.trapezoid(2.0 * (60.0 - a) * np.exp(-f * 10.0 * a / 40.0), a) / 60.0**2 for f in n]
+    assert ours == pytest.approx(expected, rel=0.05)
 
 
 def test_roof_areas_beside_their_nodes_have_no_negative_variance():

@@ -31,11 +31,11 @@ def test_straight_elements_form_one_line():
     """For any order of elements and ends; not across held particles or corners."""
     x = [(k, 0.1 * (k % 2), 0) for k in range(5)] + [(2, 1, 0), (2, -1, 0), (3, 2, 0)]
     ends = [(3, 2), (0, 1), (2, 1), (3, 4), (2, 5), (6, 2), (5, 7)]
-    found, touching = lines(ends, x)
-    assert sorted(min(line, line[::-1]) for line in found) == [[0, 1, 2, 3, 4], [5, 2, 6], [5, 7]]
+    line_of, touching = lines(ends, x)
+    assert sorted(min(line, line[::-1]) for line in line_of) == [[0, 1, 2, 3, 4], [5, 2, 6], [5, 7]]
     assert touching == 3  # two lines at 2, and behind 5 another one
-    found, _ = lines(ends, x, held=[2])
-    assert [2, 3, 4] in found or [4, 3, 2] in found
+    line_of, _ = lines(ends, x, held=[2])
+    assert [2, 3, 4] in line_of or [4, 3, 2] in line_of
 
 
 def test_a_ring_is_one_line_and_spokes_end_at_their_hub():
@@ -43,11 +43,11 @@ def test_a_ring_is_one_line_and_spokes_end_at_their_hub():
     turn = 2.0 * np.pi * np.arange(24) / 24
     rim = np.column_stack([np.cos(turn), np.sin(turn), 0.0 * turn])
     ring = [(k, (k + 1) % 24) for k in range(24)]
-    found, touching = lines(ring, rim)
-    assert len(found) == 1 and found[0][0] == found[0][-1] and len(found[0]) == 25 and touching == 2
+    line_of, touching = lines(ring, rim)
+    assert len(line_of) == 1 and line_of[0][0] == line_of[0][-1] and len(line_of[0]) == 25 and touching == 2
     spokes = [(24, k) for k in range(24)]
-    found, touching = lines(ring + spokes, [*rim, (0, 0, 0)])
-    assert sorted(map(len, found)) == [2] * 24 + [25] and touching > MOST_TOUCHING
+    line_of, touching = lines(ring + spokes, [*rim, (0, 0, 0)])
+    assert sorted(map(len, line_of)) == [2] * 24 + [25] and touching > MOST_TOUCHING
 
 
 def smoother(job):
@@ -57,8 +57,8 @@ def smoother(job):
     of_net = scene.finder.newton(scene.model.loading.permanent)
     K, at = of_net.tangent(), incidence_of(state.ends, distribution.subdomain.particle_gid, state.n_owned)
     rows = tangent_rows(distribution, of_net.net, K, at, 0.0)
-    found = distribute_lines(distribution, state.ends, state.x_start, state.free)
-    return LineSmoother(found, rows, of_net.net, K), dense(rows), of_net, K
+    distributed = distribute_lines(distribution, state.ends, state.x_start, state.free)
+    return LineSmoother(distributed, rows, of_net.net, K), dense(rows), of_net, K
 
 
 def operator(lines: LineSmoother, n: int) -> np.ndarray:

@@ -61,8 +61,8 @@ def test_loads_of_nodes_and_elements_by_hand(workshop):
     for name, weight in (("rig", 1000.0), ("line", 75.0), ("both", 1500.0 + 150.0)):
         assert f[f"cases/{name}/tension"][:] == pytest.approx([symmetric(weight)] * 2, rel=1e-8)
     job = workshop.job(CABLES + LOAD + case("rig") + case("line"), LOADED, TWO)
-    told = lines_with("load table", "check", job, cwd=workshop.folder)
-    assert told == [
+    lines = lines_with("load table", "check", job, cwd=workshop.folder)
+    assert lines == [
         "load table nodes.csv of [net]: resultant 0.01, 0, -1 kN along x, y, z",
         "load table rig.csv of [[case]] rig: resultant 0, 0, -1 kN along x, y, z",
         "load table line.csv of [[case]] line: resultant 0, 0, -0.15 kN along x, y, z",
@@ -215,15 +215,15 @@ def test_an_export_omits_loads_of_removed_elements(workshop):
     text += '[[case]]\nname = "again"\nload_table = "ice.csv"\n'
     job = workshop.job(text, NODES + "4,4,0,-6,1\n", TWO + "11,2,4,stay\n")
     job.write_text(job.read_text().replace("[net]\n", "[net]\nsubdivide = 2\n"))
-    first, said = workshop.run(job), []
-    export(workshop.folder / "result.vtkhdf", workshop.folder / "t.csv", said.append)
+    first, lines = workshop.run(job), []
+    export(workshop.folder / "result.vtkhdf", workshop.folder / "t.csv", lines.append)
     rows = (workshop.folder / "t.csv" / "ice.csv").read_text().split()
     assert [row.partition(",")[2] for row in rows] == ["line_z", "-100.0", "-100.0"]
-    assert [line for line in said if "stay.csv: contains no load" in line]
-    there = first["net/element_id"][:] < 11
+    assert [line for line in lines if "stay.csv: contains no load" in line]
+    is_present = first["net/element_id"][:] < 11
     with workshop.run(workshop.folder / "t.csv" / "job.toml", output="again.vtkhdf") as again:
         for name in ("ice", "again", "stay"):
-            wanted = first[f"cases/{name}/tension"][:][there]
+            wanted = first[f"cases/{name}/tension"][:][is_present]
             assert np.abs(again[f"cases/{name}/tension"][:] - wanted).max() <= 1e-6 * wanted.max()
 
 
@@ -289,6 +289,6 @@ def test_combinations_without_the_loads_of_a_table_are_named(workshop):
     text = CABLES + LOAD + 'load_table = "rig.csv"\n[dynamics]\nduration = 0.01\n'
     text += '[[case]]\nname = "a"\nset = {"load.temperature" = 5.0}\n[combinations]\nu = {a = 1.0}\n'
     job = workshop.job(text, NODES, TWO)
-    said = workshop.check(job)
-    assert "the factors do not name load, so snow, ice and pressure of [load], and loads of nodes" in said
-    assert "W342" in said and "warning: load_z of node 2: 1000 N downward without mass" in said
+    output = workshop.check(job)
+    assert "the factors do not name load, so snow, ice and pressure of [load], and loads of nodes" in output
+    assert "W342" in output and "warning: load_z of node 2: 1000 N downward without mass" in output

@@ -78,8 +78,8 @@ def test_temperature_changes_the_unstressed_length(workshop, strain):
         nodes(),
         ELEMENTS.replace(",unstressed_length", "").replace("2,5", "2").replace("3,5", "3"),
     )
-    found = f["form_finding/unstressed_length"][:]
-    cold = found * (1.0 - 30.0 * 2e-5)
+    lengths = f["form_finding/unstressed_length"][:]
+    cold = lengths * (1.0 - 30.0 * 2e-5)
     expected = EA * (np.log(5.0 / cold) if strain == "logarithmic" else 5.0 / cold - 1.0)
     assert f["statics/tension"][0] == pytest.approx(expected, rel=1e-9)
     assert f["statics/tension"][0] == pytest.approx(20e3 + EA * 6e-4, rel=1e-2)
@@ -108,7 +108,7 @@ def test_a_spring_has_the_reaction_of_the_form_and_shares_later_loads(both_ways)
     assert f["statics/tension"][-1] == pytest.approx([20e3 + EA * u / unstressed], rel=1e-9)
     reactions = reaction_columns(f)
     of_spring = reactions["force_x"][reactions["node"] == 2]
-    # the spring bears the load of its own node too: 20 kN in the form, then k u beside
+    # the spring carries the load of its own node too: 20 kN in the form, then k u in addition
     assert of_spring == pytest.approx([-20e3, -20e3, -20e3 + 4e5 * u], rel=1e-9)  # 1e-10 of the load
     at_both = [reactions["force_x"][reactions["stage"] == name].sum() for name in set(reactions["stage"])]
     assert sorted(at_both) == pytest.approx([0.0, 0.0, 3000.0], abs=1e-5)
@@ -236,13 +236,13 @@ def test_a_mean_wind_that_breaks_a_cable_is_an_error_with_the_load_carried(works
     (workshop.folder / "taps.csv").write_text("name,x,y\nA,0,0\n")
     (workshop.folder / "p.csv").write_text("time,A\n0,-250\n1,-250\n")
     text = CABLE + "fracture_strain = 1e-3\n" + wind + MOVES.format(time=1)
-    said = workshop.solve(text, nodes(), ELEMENTS, code=3).stderr
+    errors = workshop.solve(text, nodes(), ELEMENTS, code=3).stderr
     L = 5.0 * 1.001
     borne = 2 * EA * 1e-3 * np.sqrt(L * L - 25.0) / L / force
-    told = float(said.split("up to ")[1].split(f" {remedy}")[0])
-    assert told == pytest.approx(borne, abs=1 / 64 + 0.005)  # halved six times, two digits shown
-    assert "the mean wind: no equilibrium: element 0 breaks" in said
-    assert ("speed" in said) == ("speed" in wind)
+    carried = float(errors.split("up to ")[1].split(f" {remedy}")[0])
+    assert carried == pytest.approx(borne, abs=1 / 64 + 0.005)  # halved six times, two digits shown
+    assert "the mean wind: no equilibrium: element 0 breaks" in errors
+    assert ("speed" in errors) == ("speed" in wind)
 
 
 def test_cables_that_yield_under_the_mean_wind_stay_longer(workshop):
@@ -337,29 +337,29 @@ def test_pressures_at_taps_start_in_equilibrium_under_their_mean(workshop, suffi
     # by its own equation of motion, with the pressure of the file, linear between its samples
     mass = 1000.0 * 1e-4 * 5.0
     force = lambda now, w: -np.interp(now, t, pressure) * 4.0 - pull(w)
-    found = solve_ivp(
+    solution = solve_ivp(
         lambda t, y: [y[1], force(t, y[0]) / mass],
         (0, 2),
         [f["initial_state/position"][1, 2], 0],
         rtol=1e-9,
         atol=1e-12,
     )
-    assert f["history/probe_displacement"][-1, 0, 2] == pytest.approx(found.y[0, -1], rel=2e-3)
+    assert f["history/probe_displacement"][-1, 0, 2] == pytest.approx(solution.y[0, -1], rel=2e-3)
 
 
-@pytest.mark.parametrize("x, told", [(-5000, True), (-5, False), (-30, False)])
-def test_taps_far_outside_the_roof_are_a_warning(workshop, x, told):
+@pytest.mark.parametrize("x, is_far", [(-5000, True), (-5, False), (-30, False)])
+def test_taps_far_outside_the_roof_are_a_warning(workshop, x, is_far):
     """A net from x = -5 to 5 m has a tap at -5000, probably in mm. It would count as much as any other."""
     (workshop.folder / "taps.csv").write_text(f"name,x,y\nA,{x},0\nB,1,0\n")
     (workshop.folder / "p.csv").write_text("time,A,B\n0,-400,-400\n2,-400,-400\n")
     text = CABLE + TAPPED + MOVES.format(time=2)
-    said = workshop.check(workshop.job(text, nodes(), ELEMENTS))
+    output = workshop.check(workshop.job(text, nodes(), ELEMENTS))
     line = "[wind] taps: 1 of 2 taps lie far outside the roof, the farthest at x, y = -5000, 0 m by 4995 m"
-    assert (line in said) == told and ("far outside" in said) == told
+    assert (line in output) == is_far and ("far outside" in output) == is_far
 
 
 @pytest.mark.parametrize(
-    "load, weight, mass, told",
+    "load, weight, mass, expected",
     [
         (
             "self_weight = true",
@@ -378,34 +378,34 @@ def test_taps_far_outside_the_roof_are_a_warning(workshop, x, told):
         ("self_weight = false\ntemperature = 1.0", 0, 500, None),
     ],
 )
-def test_weights_without_mass_and_masses_without_weight_are_warnings(workshop, load, weight, mass, told):
+def test_weights_without_mass_and_masses_without_weight_are_warnings(workshop, load, weight, mass, expected):
     """4905 N are 500 kg, if the node moves. 500 kg have no self weight, although elements have theirs."""
     nodes = f"id,x,y,z,fixed,load_z,mass\n1,0,0,0,1,{-9 * (mass == 0)},{7 * (weight == 0)}\n"
     nodes += f"2,0,0,-2,0,{weight},{mass}\n"
     text = CABLE + f"[load]\n{load}\n" + "[dynamics]\nduration = 1.0\n" * ("steps" not in load)
     notes = make_layout(read_job(workshop.job(text, nodes, "start,end\n1,2\n")), 1).notes
-    found = [note for note in notes if "without mass" in note or "without weight" in note]
-    assert len(found) == bool(told)
-    assert all(words in note for note in found for words in told.split("|"))
+    warnings = [note for note in notes if "without mass" in note or "without weight" in note]
+    assert len(warnings) == bool(expected)
+    assert all(words in note for note in warnings for words in expected.split("|"))
 
 
-@pytest.mark.parametrize("more, told", [("", True), ('[[stage]]\nname = "s"\nrelease = [1]\n', False)])
-def test_the_mass_of_a_held_node_is_a_note(workshop, more, told):
-    """It never moves, unless a stage releases its node."""
+@pytest.mark.parametrize("more, is_noted", [("", True), ('[[stage]]\nname = "s"\nrelease = [1]\n', False)])
+def test_the_mass_of_a_held_node_is_a_note(workshop, more, is_noted):
+    """The mass never moves, unless a stage releases the node."""
     nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,5000\n2,0,0,-2,0,0\n3,0,0,-4,1,0\n"
     text = CABLE + "[load]\nself_weight = true\n[dynamics]\nduration = 1.0\n" + more
     notes = make_layout(read_job(workshop.job(text, nodes, "start,end\n1,2\n2,3\n")), 1).notes
     note = "note: column mass of node 1: no effect: held along all axes. [N467]"
-    assert (note in notes) == told
+    assert (note in notes) == is_noted
 
 
-@pytest.mark.parametrize("more, told", [("", True), ("[[remove]]\nelements = [1]\ntime = 1.0\n", False)])
-def test_a_net_with_member_removals_is_not_called_unloaded(workshop, more, told):
+@pytest.mark.parametrize("more, calm", [("", True), ("[[remove]]\nelements = [1]\ntime = 1.0\n", False)])
+def test_a_net_with_member_removals_is_not_called_unloaded(workshop, more, calm):
     """A removal loads a prestressed net that has no other loads."""
     text = CABLE + "prestress = 1e3\nfracture_strain = 0.01\n" + MOVES.format(time=2) + more
     tables = nodes(), ELEMENTS.replace(",unstressed_length", "").replace("2,5", "2").replace("3,5", "3")
     line = "elements can break, but no wind, load, temperature or removal acts on the net"
-    assert (line in workshop.check(workshop.job(text, *tables))) == told
+    assert (line in workshop.check(workshop.job(text, *tables))) == calm
 
 
 def test_given_pressures_need_no_description_of_speeds(workshop):
@@ -413,10 +413,10 @@ def test_given_pressures_need_no_description_of_speeds(workshop):
     (workshop.folder / "taps.csv").write_text(TAPS)
     (workshop.folder / "p.csv").write_text("time,A,B\n0,-400,-400\n2,-400,-400\n")
     text = CABLE + TAPPED + "base_height = 0.0\n" + MOVES.format(time=2)
-    said = workshop.check(workshop.job(text, nodes(), ELEMENTS))
-    assert "modes in equilibrium under the mean wind" in said
-    assert "the air" not in said and "above ground" not in said
-    assert "[wind] base_height: no effect: the wind comes from pressures" in said
+    output = workshop.check(workshop.job(text, nodes(), ELEMENTS))
+    assert "modes in equilibrium under the mean wind" in output
+    assert "the air" not in output and "above ground" not in output
+    assert "[wind] base_height: no effect: the wind comes from pressures" in output
 
 
 @pytest.mark.parametrize(
@@ -468,6 +468,6 @@ def test_a_pause_anywhere_in_the_equilibria_changes_no_bit(workshop, text, after
         text.replace("duration = 0.6", "duration = 0.01").replace("checkpoint_interval = 0.31\n", "")
     )
     whole = workshop.run(job, output="whole.vtkhdf")
-    checkpoint, said = workshop.pause(job, after)
-    assert "in statics, " in said
+    checkpoint, message = workshop.pause(job, after)
+    assert "in statics, " in message
     assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))

@@ -254,10 +254,10 @@ def test_two_ranks_and_a_restart_give_its_bits(torn, shared_workshop):
     with shared_workshop.run(job, *more, ranks=2, output="two.vtkhdf") as two:
         assert_same_results(one, two)
     (checkpoint,) = shared_workshop.folder.glob("two.checkpoint*")
-    with h5py.File(checkpoint) as kept:  # each particle knows how many elements are left at it
-        ends, n = kept["elements/ends"][:].astype(int), SIDE**2
+    with h5py.File(checkpoint) as file:  # each particle knows how many elements are left at it
+        ends, n = file["elements/ends"][:].astype(int), SIDE**2
         rows = np.where(ends < n, ends, n + np.searchsorted(np.sort(ends[ends >= n]), ends))
-        assert kept["particles/valence"][:].ravel().tolist() == np.bincount(rows.ravel()).tolist()
+        assert file["particles/valence"][:].ravel().tolist() == np.bincount(rows.ravel()).tolist()
     again = shared_workshop.run(job, *more, "--restart", checkpoint, ranks=2, output="again.vtkhdf")
     assert_same_results(one, again)
     assert 3 < one["history/broken"][int(MIDDLE / (10 * DT))] < one["history/broken"][-1]
@@ -287,8 +287,8 @@ def test_air_and_two_branches_have_equal_bits_on_ranks_and_after_a_restart(share
     with shared_workshop.run(job, *more, ranks=2, output="air2.vtkhdf") as two:
         assert_same_results(one, two)
     (checkpoint,) = shared_workshop.folder.glob("air2.checkpoint*")
-    with h5py.File(checkpoint) as kept:
-        assert kept["particles/detached"][: SIDE**2].sum() == 8
+    with h5py.File(checkpoint) as file:
+        assert file["particles/detached"][: SIDE**2].sum() == 8
     again = shared_workshop.run(job, *more, "--restart", checkpoint, ranks=2, output="again.vtkhdf")
     assert_same_results(one, again)
 
@@ -402,7 +402,7 @@ def pressures_for(t):
 
 
 def test_a_prescribed_motion_is_met_at_second_order(workshop):
-    """By tapped pressures at each step, with damping and logarithmic strain: positions and works."""
+    """Tapped pressures at each step, damping and logarithmic strain give positions and works."""
     (workshop.folder / "taps.csv").write_text("name,x,y\nA,0,0\nB,4,0\n")
     own = np.array([1e6, 1 / 16]) / (1e6 + 1 / 16)  # weights of both taps at a node: 1 / d^2, d at least 1 mm
     weights = np.array([own, own[::-1]])

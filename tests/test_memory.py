@@ -183,7 +183,7 @@ def test_the_content_of_a_file_is_part_of_the_key_of_a_result(whole_job, section
         alone = replace(alone, **{place: getattr(alone, place).replaced(**{key: path})})
     before = cache_key(alone), alone.digest()
     (alone.path.parent / "b.csv").write_text("something else\n")
-    after = replace(alone)  # what is read of a job is read anew by the next one
+    after = replace(alone)  # the next job is read again
     assert before[0] != cache_key(after) and before[1] != after.digest()
 
 
@@ -231,7 +231,7 @@ def test_samples_are_batched_by_shared_results(workshop):
 
 
 def test_every_file_of_all_samples_is_in_the_digest(workshop):
-    """Of 120 winds the sixtieth, which is not among the first and last values, changes the digest."""
+    """The sixtieth of 120 winds, which is not among the first and last values, changes the digest."""
     with_tables(workshop)
     names = ["wind.csv", *(f"wind-{k}.csv" for k in range(120))]
     for name in names[1:]:

@@ -35,20 +35,20 @@ def tree(path: Path) -> ast.Module:
 
 def imported_catalogues(path: Path) -> dict[str, str]:
     """The catalogues that a module imports, by the names that it gives them."""
-    found = {}
+    result = {}
     for node in ast.walk(tree(path)):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("netfall"):
             for alias in node.names:
                 module = f"{node.module}.{alias.name}".removeprefix("netfall.")
                 if module in CATALOGUES:
-                    found[alias.asname or alias.name] = module
-    return found
+                    result[alias.asname or alias.name] = module
+    return result
 
 
 @cache
 def uses() -> list[tuple[str, str, ast.expr, ast.Call | None]]:
     """Each use of a message: catalogue, name, expression, and the call that fills it in."""
-    found = []
+    result = []
     for path in MODULES.values():
         aliases = imported_catalogues(path)
         called = {id(node.func): node for node in ast.walk(tree(path)) if isinstance(node, ast.Call)}
@@ -58,8 +58,8 @@ def uses() -> list[tuple[str, str, ast.expr, ast.Call | None]]:
                 and isinstance(node.value, ast.Name)
                 and node.value.id in aliases
             ):
-                found.append((aliases[node.value.id], node.attr, node, called.get(id(node))))
-    return found
+                result.append((aliases[node.value.id], node.attr, node, called.get(id(node))))
+    return result
 
 
 def catalogue(module: str) -> dict[str, Message]:
@@ -132,8 +132,8 @@ def test_lines_end_in_their_code():
 
 def test_the_sentence_on_a_checkpoint_precedes_the_code():
     error = DivergedError("statics: no equilibrium. Lower the load [E619]", Path("x.h5"))
-    said = "The last good checkpoint is x.h5: resume with --restart x.h5"
-    assert str(error) == f"statics: no equilibrium. Lower the load. {said} [E619]"
+    sentence = "The last good checkpoint is x.h5: resume with --restart x.h5"
+    assert str(error) == f"statics: no equilibrium. Lower the load. {sentence} [E619]"
     assert str(DivergedError("it diverged", Path("x.h5"))).startswith("it diverged. The last good checkpoint")
 
 

@@ -58,14 +58,14 @@ def test_a_wrong_option_is_one_line(workshop):
     assert "--fast: unknown option; did you mean" in refused("run", job, "--fast")
 
 
-@pytest.mark.parametrize("there", [True, False])
-def test_a_folder_is_refused_as_a_result_file(workshop, there):
+@pytest.mark.parametrize("is_result", [True, False])
+def test_a_folder_is_refused_as_a_result_file(workshop, is_result):
     job = workshop.job(TINY, NODES, ELEMENTS)
-    if there:
+    if is_result:
         (workshop.folder / "out").mkdir()
     line = refused("run", job, "-o", f"{workshop.folder}/out/")
     assert "is a folder; expected the name of a file" in line
-    assert (workshop.folder / "out").exists() == there
+    assert (workshop.folder / "out").exists() == is_result
 
 
 @pytest.mark.parametrize("verb", ["plot", "scale", "trade"])
@@ -93,13 +93,13 @@ def test_mpirun_adds_no_lines_to_an_error(workshop):
 
 
 @pytest.mark.parametrize(
-    "end, told", [("os.kill(os.getpid(), 9)", "signal 9"), ("os._exit(5)", "Exit code:    5")]
+    "end, message", [("os.kill(os.getpid(), 9)", "signal 9"), ("os._exit(5)", "Exit code:    5")]
 )
-def test_mpirun_reports_other_failures(end, told):
+def test_mpirun_reports_other_failures(end, message):
     code = f"import os; from mpi4py import MPI; MPI.COMM_WORLD.rank == 1 and {end}; MPI.COMM_WORLD.Barrier()"
     line = [BIN / "mpirun", "-n", "2", sys.executable, "-c", code]
     done = run_process(*line, timeout=60, code=None)
-    assert done.returncode != 0 and told in done.stderr
+    assert done.returncode != 0 and message in done.stderr
 
 
 def test_mpirun_passes_the_output_of_a_rank():

@@ -52,7 +52,7 @@ def test_a_taut_string_has_the_periods_of_the_discrete_chain(nodes):
 
 @pytest.mark.parametrize("nodes", [20, 400])
 def test_the_effective_mass_of_a_string_is_that_of_its_waves(nodes):
-    """Of mode j across: (sum of sines)^2 over N times the sum of their squares, (N + 1) / 2; of even j none.
+    """Mode j across has (sum of sines)^2 over N times the sum of their squares, (N + 1) / 2; none for even j.
 
     The sum of sin(j k pi / (N + 1)) over k is cot(j pi / 2 (N + 1)) for odd j. The two directions of a wave
     share it. All modes of a free string have the whole mass along each axis.
@@ -128,7 +128,7 @@ def test_a_removed_prop_has_no_stiffness_in_modes(workshop):
 
 
 def test_elements_that_do_not_move_in_a_mode_leave_the_net_visible(workshop):
-    """Of two strings the heavier one moves: two of four lines are coloured in space, all in plan."""
+    """The heavier of two strings moves: two of four lines are coloured in space, all in plan."""
     from netfall.post.plots.states import modes
 
     row = lambda first, y, mass: "".join(

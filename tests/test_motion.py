@@ -22,16 +22,16 @@ def closes(f):
 
 
 @pytest.mark.parametrize(
-    ("load", "form", "told"),
+    ("load", "form", "is_sudden"),
     [("steps = 0", "", True), ("steps = 1", "", False), ("", 'loads = "permanent"', False)],
 )
-def test_loads_that_act_at_once_as_supports_begin_to_move_are_a_warning(workshop, load, form, told):
+def test_loads_that_act_at_once_as_supports_begin_to_move_are_a_warning(workshop, load, form, is_sudden):
     """The weight of the cables: in a load step, in the form, or in neither."""
     nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,10,0,0,0,50\n3,20,0,0,1,\n"
     text = f'{STEEL}[form_finding]\n{form}\n[load]\n{load}\n[[motion]]\ndisplacement = "move.csv"\n'
     job = workshop.job(text + "[dynamics]\nduration = 1.0\n", nodes, "start,end\n1,2\n2,3\n")
     (job.parent / "move.csv").write_text("time,x\n0,0\n1,0.1\n")
-    assert ("[[motion]]: the loads act at once" in run_on_standing_ranks("check", job).stdout) == told
+    assert ("[[motion]]: the loads act at once" in run_on_standing_ranks("check", job).stdout) == is_sudden
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.8])
@@ -59,15 +59,15 @@ def test_all_supports_at_one_velocity_leave_the_tensions_as_at_rest(workshop, da
 
 def test_the_support_that_damps_does_not_depend_on_order_or_rounding(workshop):
     """A mass midway between a support at rest and one that moves, a hundredth of a rounding error off."""
-    supports, found = ["1,-0.7,0,0,1,0", "3,0.7,0,0,1,0"], []
+    supports, results = ["1,-0.7,0,0,1,0", "3,0.7,0,0,1,0"], []
     (workshop.folder / "move.csv").write_text("time,x\n0,0\n1,0.001\n")
     text = BAR + '[load]\nself_weight = false\n[[motion]]\nnodes = [3]\ndisplacement = "move.csv"\n'
     text += "[dynamics]\nduration = 0.05\ntime_step = 1e-4\nmass_damping = 50.0\n"
     for order, place in itertools.product((1, -1), (1e-16, -1e-16)):
         nodes = [*supports[::order], f"2,{place},0,0,0,100"]
         job = workshop.job(text, "id,x,y,z,fixed,mass\n" + "\n".join(nodes) + "\n", "start,end\n1,2\n2,3\n")
-        found.append(workshop.run(job)["history/damping_work"][-1])
-    assert np.ptp(found) <= 1e-9 * abs(found[0])
+        results.append(workshop.run(job)["history/damping_work"][-1])
+    assert np.ptp(results) <= 1e-9 * abs(results[0])
 
 
 @pytest.mark.parametrize("air", [0.0, 40.0])
@@ -141,8 +141,8 @@ def test_the_spectrum_of_a_record_is_that_of_a_direct_integration(workshop):
     lines = "\n".join(" ".join(f"{v:.10E}" for v in a[k : k + 5]) for k in range(0, len(a), 5))
     (job.parent / "quake.AT2").write_text(f"{head}NPTS= {len(a)}, DT= .0100 SEC\n{lines}\n")
     f = workshop.run(job)
-    told = run_on_standing_ranks("check", job).stdout
-    assert f"note: [[motion]] 1: accelerations of up to {9.81 * np.abs(a).max():.3g} m/s2. Integr" in told
+    output = run_on_standing_ranks("check", job).stdout
+    assert f"note: [[motion]] 1: accelerations of up to {9.81 * np.abs(a).max():.3g} m/s2. Integr" in output
     most = np.maximum(f["envelope/tension_max"][:], -f["envelope/tension_min"][:]) / (100.0 + 0.5e-6)
     for k, period in enumerate(periods):
         expected = spectral_acceleration(9.81 * a, period, zeta * period / (4 * np.pi))
@@ -158,14 +158,14 @@ def test_the_size_of_a_motion_is_its_length_in_space(workshop):
     (job.parent / "a.csv").write_text("time,acceleration\n0,2\n1,2\n")
     (job.parent / "a.AT2").write_text("\n\nIN UNITS OF M/S2\nNPTS= 3, DT= 0.5 SEC\n2 2 2\n")
     (job.parent / "d.csv").write_text("time,x,y\n0,0,0\n1,4,4\n")
-    told = run_on_standing_ranks("check", job).stdout
+    output = run_on_standing_ranks("check", job).stdout
     for line in (
         "1: accelerations of up to 2 m/s2. Integrated displacements: up to 1 m, 1 m after 1 s "
         "with a velocity of 2 m/s",
         "2: the baseline correction changes accelerations by at most 2 m/s2",
         "3: d.csv: displacements of up to 5.657 m (plausible: up to 5 m)",
     ):
-        assert f"[[motion]] {line}" in told, told
+        assert f"[[motion]] {line}" in output, output
 
 
 def test_a_support_that_settles_ends_as_a_net_built_so(workshop):
@@ -183,15 +183,15 @@ def test_a_support_that_settles_ends_as_a_net_built_so(workshop):
     closes(f)
     assert "Check the unit" not in run_on_standing_ranks("check", job).stdout
     (job.parent / "move.csv").write_text("time,z\n0,0\n0.5,-100\n")
-    told = run_on_standing_ranks("check", job).stdout
+    output = run_on_standing_ranks("check", job).stdout
     assert (
         "warning: [[motion]] 1: move.csv: displacements of up to 100 m (plausible: up to 5 m). Check the unit"
-        in told
+        in output
     )
 
 
 def test_a_pulse_travels_along_a_string_and_a_wave_over_its_supports(workshop):
-    """It comes to x after x / c, c = sqrt(N / mass per metre), and from end to end by the wave's speed."""
+    """It arrives at x after x / c, c = sqrt(N / mass per metre), and from end to end at the wave's speed."""
     n, N, mass, span = 240, 100e3, 2 * HALF, 60.0
     c = np.sqrt(N / mass)
     nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{0.25 * k},0,0,{int(k in (0, n))}\n" for k in range(n + 1))

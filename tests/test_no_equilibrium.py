@@ -141,10 +141,10 @@ def test_progress_describes_the_search_without_a_remaining_time(workshop, monkey
     """Each line names what is searched or relaxed. The remaining time is unknown."""
     monkeypatch.setattr("netfall.core.progress.LINE_EVERY", 0.0)
     monkeypatch.setattr(interior_point, "MOST_STEPS", 0)
-    job, told = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-6e6), HANGERS), io.StringIO()
+    job, out = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-6e6), HANGERS), io.StringIO()
     with pytest.raises(DivergedError):
-        run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(True, stream=told))
-    text = told.getvalue()
+        run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(True, stream=out))
+    text = out.getvalue()
     assert "static load step 1 of 1: searching the limit load factor, 0 to 1" in text
     assert "static load step 1 of 1: relaxing, residual" in text and "left" not in text, text
 
@@ -222,40 +222,40 @@ def test_the_state_at_the_load_carried_is_below_the_limit(workshop, times):
 
 def by_work(monkeypatch, job, works=True, **instead):
     """Return the problem and its last row of statics, by work control or by trials, and their work."""
-    asked, between = [], limits.search_limit
-    searched = lambda trial, *more: between(lambda at: asked.append(at) or trial(at), *more)
+    trials, between = [], limits.search_limit
+    searched = lambda trial, *more: between(lambda at: trials.append(at) or trial(at), *more)
     with monkeypatch.context() as only:
         only.setattr(limits, "search_limit", searched)
         if not works:
             only.setattr(EquilibriumFinder, "has_limit_load", lambda own: False)
         for name, function in (({"limit_by_trials": None} if works else {}) | instead).items():
             only.setattr(settling.Search, name, function)
-        return *statics_of(job), asked
+        return *statics_of(job), trials
 
 
 def test_the_search_brackets_the_limit():
     """To 0.4 % of the limit in few trials, for any result of loads beyond it."""
     for power, known in ((1.0, True), (8.0, True), (0.2, True), (1.0, False)):
         most = lambda at, power=power: (at / 0.37) ** power
-        asked = []
+        factors = []
 
-        def trial(at, most=most, known=known, asked=asked):
-            asked.append(at)
+        def trial(at, most=most, known=known, factors=factors):
+            factors.append(at)
             breaks = most(at) > 1.0
             beyond = LimitUtilisation(most(at) if known else np.inf, (), "breaks")
             return Trial(at, at, beyond if breaks else LimitUtilisation(most(at)))
 
         whole = trial(1.0)
         low, high = search_limit(trial, Trial(0.0, 0.0, NO_UTILISATION), whole, lambda *ends: None)
-        assert low.at <= 0.37 < high.at and high.at - low.at <= 0.004 * high.at and len(asked) < 20
+        assert low.at <= 0.37 < high.at and high.at - low.at <= 0.004 * high.at and len(factors) < 20
 
 
 @pytest.mark.parametrize("load", [3.03e6, 6e6])
 def test_the_limit_load_of_a_fan_by_work_control(workshop, monkeypatch, load):
     job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-load), HANGERS)
-    scene, row, asked = by_work(monkeypatch, job)
+    scene, row, trials = by_work(monkeypatch, job)
     assert row["load_factor"] == pytest.approx(FAN_LIMIT / load, rel=4e-3)
-    assert 0 < len(asked) < 6 and row["residual"] < 1e-6 * YIELD
+    assert 0 < len(trials) < 6 and row["residual"] < 1e-6 * YIELD
     N = scene.state.present_element_state().N
     assert N[3] == pytest.approx(row["load_factor"] * load, rel=1e-6)
     assert limit_utilisation_of(scene.comm, scene.distribution, scene.state, False).most <= 1.0
@@ -286,11 +286,11 @@ def test_work_control_agrees_with_trials_of_the_load(workshop, monkeypatch, brea
     if not breaks:
         text = text.replace("fracture_strain = 0.04\n", "").replace("stop_at_strength = true", "")
     job = workshop.job(text if breaks else text.replace("9000.0", "40000.0"))
-    found = [by_work(monkeypatch, job, works) for works in (True, False)]
-    (_, work, asked), (_, trials, none) = found
+    results = [by_work(monkeypatch, job, works) for works in (True, False)]
+    (_, work, factors), (_, trials, none) = results
     assert work["load_factor"] == pytest.approx(trials["load_factor"], rel=5e-3)
     assert 0.1 < work["load_factor"] < 0.9
-    assert 0 < len(asked) < 12 and not none
+    assert 0 < len(factors) < 12 and not none
     assert work["moved"][0] == pytest.approx(trials["moved"][0], rel=0.05)
     assert max(work["displacement_error"], work["tension_error"]) < 1e-6
 
@@ -328,8 +328,8 @@ def test_a_pause_in_work_control_changes_no_bit(workshop, monkeypatch, looks):
 def test_a_pause_in_the_search_changes_no_bit(workshop, looks, ranks):
     job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-6e6), HANGERS)
     workshop.run(job, output="whole.vtkhdf", code=3)
-    checkpoint, said = workshop.pause(job, looks)
-    assert "in statics" in said
+    checkpoint, message = workshop.pause(job, looks)
+    assert "in statics" in message
     workshop.run(job, "--restart", checkpoint, ranks=ranks, code=3)
     with workshop.open("whole.vtkhdf") as whole, workshop.open() as again:
         assert_same_results(whole, again)
@@ -376,8 +376,8 @@ def test_a_case_without_equilibrium_does_not_affect_others(workshop):
 
 def test_all_commands_read_a_result_without_equilibrium(workshop):
     workshop.solve(CABLES.format(steps=2), nodes(1.5 * carried()), ENDS, code=3)
-    told = "NO EQUILIBRIUM: element 1 breaks (elements 1, 2); load factor reached 0.66"
-    assert told in workshop.info()
+    failure = "NO EQUILIBRIUM: element 1 breaks (elements 1, 2); load factor reached 0.66"
+    assert failure in workshop.info()
     run_on_standing_ranks("plot", workshop.folder / "result.vtkhdf", "-o", workshop.folder / "plot")
     report = workshop.report()
     assert "reached of 1" in report.page and "**FAILS: statics has no equilibrium.**" in report.page

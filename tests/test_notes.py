@@ -50,16 +50,16 @@ def test_parts_of_a_chain_have_no_resistance(workshop):
 )
 def test_bars_in_other_units_are_named(workshop, area, second_moment, words):
     text = HEAVY.replace("area = 1.2", f"area = {area}").replace("= 0.16", f"= {second_moment}")
-    told = text_of(workshop, "check", workshop.job(text, IN_PLANE, CHAIN))
-    assert words in told, told
+    output = text_of(workshop, "check", workshop.job(text, IN_PLANE, CHAIN))
+    assert words in output, output
 
 
 def test_a_given_axial_stiffness_implies_no_modulus(workshop):
     """A bungee of EA = 100 N and 4 kg/m would have 2e5 Pa as steel of that mass, which was not given."""
     text = "[cable]\naxial_stiffness = 100.0\nmass_per_length = 4.0\n"
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,5,0,0,0\n3,10,0,0,1\n"
-    told = text_of(workshop, "check", workshop.job(text, nodes, "start,end\n1,2\n2,3\n"))
-    assert "modulus =" not in told and "axial waves run along them at 5 m/s" in told, told
+    output = text_of(workshop, "check", workshop.job(text, nodes, "start,end\n1,2\n2,3\n"))
+    assert "modulus =" not in output and "axial waves run along them at 5 m/s" in output, output
 
 
 def test_a_prestress_outside_all_states_is_refused_with_its_group(workshop):
@@ -94,9 +94,10 @@ def test_a_tolerance_below_rounding_is_named_with_the_least_one(workshop, steps,
     elements = "start,end,unstressed_length\n" + "".join(f"{k},{k + 1},1.05\n" for k in range(100))
     text = "[cable]\nmodulus = 1.6e11\narea = 5e-4\ndensity = 7850.0\n"
     text += f"[load]\nself_weight = true\nsteps = {steps}\ntolerance = 1e-12\n"
-    told = text_of(workshop, "run", workshop.job(text + more, nodes, elements))
-    found = re.search(place + r"tolerance = 1e-12; rounded coordinates allow (\S+)\). Set tolerance to", told)
-    assert 3.6e-5 / 5e3 < float(found[1]) < 10.0 * 3.6e-5 / 2e3, told
+    output = text_of(workshop, "run", workshop.job(text + more, nodes, elements))
+    allowed = r"tolerance = 1e-12; rounded coordinates allow (\S+)\). Set tolerance to"
+    match = re.search(place + allowed, output)
+    assert 3.6e-5 / 5e3 < float(match[1]) < 10.0 * 3.6e-5 / 2e3, output
 
 
 def test_a_state_without_forces_has_no_error(workshop):
@@ -114,20 +115,22 @@ SIDES = "start,end,force_density\n" + "".join(
 )
 
 
-@pytest.mark.parametrize("x, told", [(5.15, False), (5.25, True)])
+@pytest.mark.parametrize("x, is_far", [(5.15, False), (5.25, True)])
 @pytest.mark.parametrize("form", ["modulus_factor = 0.0", 'method = "force_density"'])
-def test_a_form_that_moves_nodes_in_plan_is_a_warning(workshop, x, told, form):
+def test_a_form_that_moves_nodes_in_plan_is_a_warning(workshop, x, is_far, form):
     """The middle of a square moves by 1.5 % and 2.5 % of its side; at constant tension with a remedy."""
     text = f"{STEEL}[form_finding]\n{form}\n"
     lines = text_of(workshop, "check", workshop.job(text, PLAN.format(x=x), SIDES)).splitlines()
-    found = [line for line in lines if line.startswith("warning: form finding: ")]
-    assert len(found) == told
-    if told:
+    warnings = [line for line in lines if line.startswith("warning: form finding: ")]
+    assert len(warnings) == is_far
+    if is_far:
         assert (
             "1 of 5 nodes moved in plan by more than 2% of the span of 10 m; node 5 moved most, by 2"
-            in found[0]
+            in warnings[0]
         )
-        assert ("Constant tension moves nodes along cables" in found[0]) == (form == "modulus_factor = 0.0")
+        assert ("Constant tension moves nodes along cables" in warnings[0]) == (
+            form == "modulus_factor = 0.0"
+        )
         workshop.run(workshop.folder / "job.toml").close()
         assert workshop.info().count("moved in plan") == workshop.report().page.count("moved in plan") == 1
 
@@ -151,8 +154,8 @@ def test_loads_that_continue_beyond_the_stage_are_a_warning(workshop, ends):
     last = 0.05 if ends else 0.5  # m/s2, of up to 1: the rest of a record may be weak
     (workshop.folder / "shake.csv").write_text(f"time,x\n0,0\n0.5,1\n1,0\n2.2,{last}\n2.5,0\n3,0\n")
     rest = "of its largest acceleration or velocity is still to come, and supports that do not move yet"
-    told = text_of(workshop, "check", job)
-    told = re.findall(r"warning: (.*): lasts until t = (.*) s, .* At its end (.*?)\. ", told)
+    output = text_of(workshop, "check", job)
+    output = re.findall(r"warning: (.*): lasts until t = (.*) s, .* At its end (.*?)\. ", output)
     expected = [
         ("[wind] ramp", "4", "gusts have 50.0% of their full size"),
         ("[load] ramp", "8", "25.0% of the pressure acts"),
@@ -160,4 +163,4 @@ def test_loads_that_continue_beyond_the_stage_are_a_warning(workshop, ends):
         ("[[motion]] 1", "5.2", f"up to 100% {rest}: 2"),
         ("[[motion]] 2", "2.5", f"up to 50% {rest}: 0"),
     ]
-    assert told == ([] if ends else expected)
+    assert output == ([] if ends else expected)

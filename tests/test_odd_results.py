@@ -62,7 +62,7 @@ SUFFIXES = ("", ".csv", ".dxf", ".json", ".tcl", ".vtu")
 
 
 def answers(*arguments, cwd) -> str:
-    """What netfall says to a command; if it cannot do it, a line for each thing that is not there."""
+    """Return netfall's answer to a command, or a line for each missing thing if it cannot run it."""
     done = run_on_standing_ranks(*arguments, cwd=cwd, code=None)
     assert done.returncode in (0, 2), (arguments, done.returncode, done.stderr[-500:])
     assert "Traceback" not in done.stderr and "rank 0" not in done.stderr, (arguments, done.stderr)
@@ -136,7 +136,7 @@ def test_every_shipped_job_is_answered(path, tmp_path, request):
 
 
 def test_what_is_no_result_is_refused_by_all(workshop):
-    """What an interrupted run leaves, a file cut short, a text, other HDF5, nothing: a line each, code 2."""
+    """A partial file, a truncated file, a text, other HDF5 and nothing give one line each, code 2."""
     job = workshop.job(SADDLE + FOUND + WIND + SHORT + "[output]\ncheckpoint_interval = 0.01\nframes = 4\n")
     workshop.run(job, "--walltime", "00:00:00", code=4)
     places = {path.suffix or path.name: path for path in workshop.folder.iterdir() if path != job}
@@ -151,7 +151,7 @@ def test_what_is_no_result_is_refused_by_all(workshop):
     odd["other"] = workshop.folder / "other.vtkhdf"
     h5py.File(odd["other"], "w").close()
     odd |= {"missing": workshop.folder / "missing.vtkhdf", "folder": workshop.folder, "job": job}
-    there = {*workshop.folder.rglob("*")}
+    files = {*workshop.folder.rglob("*")}
     for path in odd.values():
         for command in ("info", "plot", "view", "report", "export"):
             new = workshop.folder / ("new.html" if command == "view" else "new")
@@ -160,7 +160,7 @@ def test_what_is_no_result_is_refused_by_all(workshop):
             assert len(done.stderr.strip().splitlines()) == 1 and str(path) in done.stderr, done.stderr
         with pytest.raises(InputError, match=str(path)):
             netfall.open(path)
-    assert {*workshop.folder.rglob("*")} == there  # and nothing was written
+    assert {*workshop.folder.rglob("*")} == files  # and nothing was written
 
 
 def test_the_file_of_a_run_without_an_equilibrium_records_it(workshop):

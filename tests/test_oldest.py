@@ -7,7 +7,7 @@ import tomllib
 
 import pytest
 from conftest import BIN, ENVIRONMENT, ROOT, run_process
-from processors import JOBS, digest, kept
+from processors import JOBS, digest, stored_digests
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 EXTRAS = PROJECT["optional-dependencies"]
@@ -45,7 +45,7 @@ def test_the_oldest_packages_give_the_same_bits(tmp_path):
         run_process(*command, environment=ENVIRONMENT | own, cwd=tmp_path, timeout=3600)
 
     netfall("run", JOBS[JOB], "-o", "result.vtkhdf", "--quiet")
-    assert digest(tmp_path / "result.vtkhdf") == kept()[JOB]
+    assert digest(tmp_path / "result.vtkhdf") == stored_digests()[JOB]
     for command in ("plot", "view", "report"):
         netfall(command, "result.vtkhdf")
     for ending in ("dxf", "vtu"):

@@ -108,16 +108,16 @@ def test_small_displacements_do_not_look_as_large_as_others(storm, tmp_path):
 
 def test_every_numeric_dataset_has_its_unit(storm):
     """Also those of VTK's own format and of the tables of the net. Texts have none."""
-    there = {}
+    unit_of = {}
 
     def look(path, item):
         if hasattr(item, "dtype"):
-            there[path] = (item.dtype.kind == "O", item.attrs.get("unit"))
+            unit_of[path] = (item.dtype.kind == "O", item.attrs.get("unit"))
 
     storm.visititems(look)
-    assert all((unit is None) == text for text, unit in there.values()), there
+    assert all((unit is None) == text for text, unit in unit_of.values()), unit_of
     units = {"VTKHDF/Points": "m", "VTKHDF/CellData/tension": "N", "provenance/net/density": "kg/m3"}
-    assert {path: there[path][1] for path in units} == units
+    assert {path: unit_of[path][1] for path in units} == units
 
 
 def test_frames_and_history_rows_have_the_times_of_the_job(storm):
@@ -158,10 +158,10 @@ def test_vtk_reads_the_series(storm):
     steps = storm["events/step"][:] * storm["provenance"].attrs["shortest_time_step"]
     when = storm["events/time"][:]
     assert np.allclose(steps, when)
-    seen = list(vtk_steps(storm.filename))
-    assert len(seen) == 17
+    snapshots = list(vtk_steps(storm.filename))
+    assert len(snapshots) == 17
     start = storm["form_finding/position"][:]
-    for time, points, lines, arrays in seen:
+    for time, points, lines, arrays in snapshots:
         past = when < time - 1e-12
         new = np.sort(storm["events/new_particle"][:][past])
         new = new[new >= 0]
@@ -179,12 +179,12 @@ def test_vtk_reads_the_series(storm):
         assert np.array_equal(arrays["element_id"], np.arange(len(elements)))
         origin = elements[(new - n) // 2, (new - n) % 2]
         assert np.array_equal(arrays["node_id"], np.concatenate([np.arange(n), origin]))
-    _, points, _, arrays = seen[-1]
+    _, points, _, arrays = snapshots[-1]
     assert np.array_equal(points, storm["final/position"][:])
     for name in ("tension", "plastic_strain"):
         assert np.allclose(arrays[name], storm[f"final/{name}"][:], rtol=1e-6)
     assert np.allclose(arrays["velocity"], storm["final/velocity"][:], rtol=1e-6)
-    assert len(seen[0][1]) == n < len(points)
+    assert len(snapshots[0][1]) == n < len(points)
 
 
 STILL = '[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\n"
@@ -200,17 +200,17 @@ def test_every_step_has_the_ids_of_the_tables(workshop, ranks):
     f = workshop.solve(ODD_JOB, ODD_NODES, ODD_ELEMENTS, ranks=ranks)
     nodes, ends = [100, 7, 55, 101, 102], [[100, 101], [101, 7], [55, 102], [102, 7]]
     assert f["net/node_id"][:].tolist() == nodes
-    for *_, arrays in (seen := list(vtk_steps(f.filename))):
+    for *_, arrays in (steps := list(vtk_steps(f.filename))):
         assert arrays["element_id"].tolist() == [31, 31, -4, -4]
         split = arrays["GlobalPointId"][len(nodes) :] - len(nodes)
         assert arrays["node_id"].tolist() == nodes + [ends[s // 2][s % 2] for s in split]
     events = f["events"]
-    assert len(seen[0][-1]["node_id"]) == len(nodes) < len(seen[-1][-1]["node_id"])
+    assert len(steps[0][-1]["node_id"]) == len(nodes) < len(steps[-1][-1]["node_id"])
     assert events["element_id"][:].tolist() == [31 if e < 2 else -4 for e in events["element"]]
     assert all(p in ends[e] for e, p in zip(events["element"], events["node_id"][:]))
     e = events["element"][0]
-    told = f"element {events['element_id'][0]} ({ends[e][0]}-{ends[e][1]}) at node {events['node_id'][0]}"
-    assert told in run_on_standing_ranks("info", f.filename).stdout
+    place = f"element {events['element_id'][0]} ({ends[e][0]}-{ends[e][1]}) at node {events['node_id'][0]}"
+    assert place in run_on_standing_ranks("info", f.filename).stdout
 
 
 def test_two_processes_may_write_the_same_file(tmp_path):
@@ -356,8 +356,8 @@ def test_pictures_distinguish_springs_from_supports(workshop):
 
 def test_info_describes_what_happened(storm):
     text = run_on_standing_ranks("info", storm.filename).stdout
-    told = ("Storm over a saddle", "on 2 ranks", "finished", "form finding:", "statics: 3 load steps")
-    for words in (*told, "work identity", f"element {storm['events/element'][0]} "):
+    facts = ("Storm over a saddle", "on 2 ranks", "finished", "form finding:", "statics: 3 load steps")
+    for words in (*facts, "work identity", f"element {storm['events/element'][0]} "):
         assert words in text, words
     at_end = info_of_result(storm)["dynamics"]["at_end"]
     assert at_end["time"] == storm["history/time"][-1] and "work_identity_error" in at_end
@@ -431,11 +431,11 @@ def test_the_expected_run_time_includes_the_start(name):
     """Within a factor of two: start, net, form, erection and equilibria, not only the steps."""
     text = (ROOT / "jobs" / f"{name}.toml").read_text()
     least, most = re.search(r"# Takes +([0-9.]+)(?: to ([0-9.]+))? s", text).groups()
-    told = check_output(name)
-    expected = float(re.search(r"expected run time about ([0-9.]+) s", told)[1])
+    output = check_output(name)
+    expected = float(re.search(r"expected run time about ([0-9.]+) s", output)[1])
     assert 0.5 * float(least) <= expected <= 2.0 * float(most or least)
-    assert "compilation in the first run" in told
-    assert ("ranks: one is fastest" in told) == (f"# Run     netfall run jobs/{name}.toml" in text)
+    assert "compilation in the first run" in output
+    assert ("ranks: one is fastest" in output) == (f"# Run     netfall run jobs/{name}.toml" in text)
 
 
 def test_check_names_the_fastest_number_of_ranks(workshop):
@@ -457,22 +457,22 @@ def test_check_names_the_fastest_number_of_ranks(workshop):
 
 def test_the_expected_run_time_counts_erection_targets_and_removals():
     """Eight stages, three targets; with clamps two stages and three equilibria."""
-    told = {}
+    times = {}
     for name in ("wheel_erection", "dome_rings", "clamps"):
         line = check_output(name)
         parts = (re.search(rf"{part} ([0-9.]+) s", line) for part in ("erection", "equilibria"))
-        told[name] = [float(found[1]) for found in parts]
+        times[name] = [float(match[1]) for match in parts]
         assert "needs relaxation, which takes seconds" in line
-    assert told["wheel_erection"][0] == pytest.approx(8 * 480 * 2.5e-4, rel=0.05)
-    assert told["dome_rings"][0] == pytest.approx(8 * 600 * 2.5e-4, rel=0.05)
-    assert told["clamps"] == pytest.approx([2 * 480 * 2.5e-4, 3 * 480 * 1e-4], rel=0.05)
+    assert times["wheel_erection"][0] == pytest.approx(8 * 480 * 2.5e-4, rel=0.05)
+    assert times["dome_rings"][0] == pytest.approx(8 * 600 * 2.5e-4, rel=0.05)
+    assert times["clamps"] == pytest.approx([2 * 480 * 2.5e-4, 3 * 480 * 1e-4], rel=0.05)
 
 
 def test_the_expected_run_time_counts_checkpoints():
     """In a small net they take 26 ms each: 299 within 6 s, one every 20 ms."""
     often = ("--set", "output.checkpoint_interval=0.02")
-    told = run_on_standing_ranks("check", ROOT / "jobs" / "saddle.toml", *often).stdout
-    assert float(re.search(r"checkpoints ([0-9.]+) s", told)[1]) == pytest.approx(299 * 0.0264, rel=0.05)
+    output = run_on_standing_ranks("check", ROOT / "jobs" / "saddle.toml", *often).stdout
+    assert float(re.search(r"checkpoints ([0-9.]+) s", output)[1]) == pytest.approx(299 * 0.0264, rel=0.05)
 
 
 @pytest.mark.parametrize("name", ["saddle", "stadium", "olympia", "wheel"])
@@ -490,9 +490,9 @@ def test_check_estimates_the_size_of_the_result(tmp_path):
     assert_expected_size(run_on_standing_ranks("check", job, *settings).stdout, tmp_path / "result.vtkhdf")
 
 
-def assert_expected_size(told, result):
+def assert_expected_size(output, result):
     """Check that the size is right to a tenth, or between both sizes if elements break."""
-    least, most = re.search(r"result file about ([0-9.]+) MB(?:, up to ([0-9.]+) MB)?", told).groups()
+    least, most = re.search(r"result file about ([0-9.]+) MB(?:, up to ([0-9.]+) MB)?", output).groups()
     with h5py.File(result) as f:
         broken = f["history/broken"][-1]
     assert 0.9 * float(least) < result.stat().st_size / 1e6 < 1.1 * float(most if broken else least)
@@ -521,12 +521,12 @@ probes = {list(range(200))}
 def test_check_gives_the_size_of_a_torn_net_and_the_memory_of_its_history(workshop):
     """A particle splits off at most of the elements. Rank 0 joins and writes the rows of 200 probes."""
     job = workshop.job(TORN)
-    told = run_on_standing_ranks("check", job).stdout
+    output = run_on_standing_ranks("check", job).stdout
     with workshop.run(job) as f:
         assert f["history/broken"][-1] > 0.6 * len(f["net/elements"])
         rows = sum(values.nbytes for values in f["history"].values())
-        assert_expected_size(told, Path(f.filename))
-    memory = float(re.search(r"([0-9.]+) MB on rank 0 for history rows", told)[1])
+        assert_expected_size(output, Path(f.filename))
+    memory = float(re.search(r"([0-9.]+) MB on rank 0 for history rows", output)[1])
     assert memory == pytest.approx(HISTORY_COPIES * rows / 1e6, rel=0.1)
 
 
@@ -543,7 +543,7 @@ def test_only_the_rank_that_writes_keeps_the_rows_of_probes(keeps):
 
 
 def test_of_many_cases_the_governing_ones_are_drawn():
-    """Of 30 cases: that without equilibrium, those with the largest force of an element, and the first."""
+    """30 cases include one without equilibrium, those with the largest force of an element, and the first."""
     forces = np.ones((30, 40))
     forces[29], forces[28, 0], forces[27, 1:3] = 5.0, -9.0, 7.0
     cases = [StateView(f"{k}", lambda k=k: forces[k], None, place=f"cases/{k}") for k in range(30)]
@@ -605,8 +605,8 @@ def test_an_output_path_in_use_is_refused(workshop):
 
 def test_animation_has_a_picture_for_each_frame(storm, tmp_path):
     """17 frames at 15 a second on average, each unlike the one before. Elements that break become red."""
-    ((path, told),) = animate(Path(storm.filename), tmp_path, "gif", 15)
-    assert path.name == "storm_collapse.gif" and told.startswith("17 frames at 15 a second: 1.13 s for 0.8 s")
+    ((path, text),) = animate(Path(storm.filename), tmp_path, "gif", 15)
+    assert path.name == "storm_collapse.gif" and text.startswith("17 frames at 15 a second: 1.13 s for 0.8 s")
     with Image.open(path) as film:
         assert film.n_frames == 17
         pictures, seconds = [], 0.0
@@ -621,10 +621,10 @@ def test_animation_has_a_picture_for_each_frame(storm, tmp_path):
 
 
 def test_animation_with_another_view_size_and_end(storm, tmp_path):
-    """As MP4, read by ffmpeg. An end before the second frame is an error."""
+    """The file is MP4, read by ffmpeg. An end before the second frame is an error."""
     shot = FilmView(VIEWS["plan"], (640, 480), 1.3, 0.41)
-    ((path, told),) = animate(Path(storm.filename), tmp_path, "mp4", 10, shot)
-    assert told.startswith("9 frames at 10 a second: 0.9 s for 0.4 s")  # of every 0.05 s
+    ((path, description),) = animate(Path(storm.filename), tmp_path, "mp4", 10, shot)
+    assert description.startswith("9 frames at 10 a second: 0.9 s for 0.4 s")  # of every 0.05 s
     reader = imageio_ffmpeg.read_frames(str(path))
     try:
         assert next(reader)["size"] == (640, 480)
@@ -678,15 +678,15 @@ def first_line_of(*arguments, folder):
     with subprocess.Popen(command, env=ENVIRONMENT, cwd=folder, **pipes) as running:
         line = running.stdout.readline()
         running.stdout.close()
-        told = running.stderr.read()
-    return line, running.returncode, told
+        errors = running.stderr.read()
+    return line, running.returncode, errors
 
 
 def test_a_run_continues_after_its_output_is_closed(workshop):
-    """By `head -1`, or from the start: the same result, no text on standard error."""
+    """`head -1` closes it, or it is closed from the start: the same result, no text on standard error."""
     job = workshop.job(JOB.replace("duration = 0.8", "duration = 0.2"))
-    line, code, told = first_line_of("run", job, "-o", "head.vtkhdf", folder=workshop.folder)
-    assert (line.startswith("netfall "), code, told) == (True, 0, "")
+    line, code, errors = first_line_of("run", job, "-o", "head.vtkhdf", folder=workshop.folder)
+    assert (line.startswith("netfall "), code, errors) == (True, 0, "")
     command = f"{BIN / 'netfall'} run {job} -o closed.vtkhdf >&-"
     assert run_process("bash", "-c", command, cwd=workshop.folder).stderr == ""
     with workshop.open("head.vtkhdf") as one, workshop.open("closed.vtkhdf") as two:

@@ -159,15 +159,15 @@ def test_check_prints_the_forces_of_the_last_stage(workshop):
 
 
 def test_check_prints_lengths_and_masses_at_the_temperature_of_form_finding(workshop):
-    """As the cutting list does, and /net/unstressed_length, also if the loads are at another temperature."""
+    """The cutting list and /net/unstressed_length do the same if the loads are at another temperature."""
     warm = workshop.job(CABLE + "[load]\nself_weight = false\ntemperature = 80.0\n", NODES, WEAK, "warm")
     cold = workshop.job(CABLE + "[load]\nself_weight = false\n", NODES, WEAK, "cold")
-    told = [list[str](), list[str]()]
-    values = [check_values(read_job(job), lines) for job, lines in zip((warm, cold), told)]
+    outputs = [list[str](), list[str]()]
+    values = [check_values(read_job(job), lines) for job, lines in zip((warm, cold), outputs)]
     assert values[0]["unstressed_length"] == values[1]["unstressed_length"]
     with workshop.run(warm) as f:
         assert values[0]["unstressed_length"] == pytest.approx(f["net/unstressed_length"][:].sum(), rel=1e-12)
-    shown = [[line for line in lines if line.startswith(("elements: un", "masses"))] for lines in told]
+    shown = [[line for line in lines if line.startswith(("elements: un", "masses"))] for lines in outputs]
     assert shown[0][0].partition("; tension")[0] == shown[1][0].partition("; tension")[0]
     assert shown[0][1] == shown[1][1]
 
@@ -205,8 +205,8 @@ def test_the_report_has_the_largest_reaction_in_motion(workshop):
     assert "Largest in motion: " in (workshop.report().folder / "summary.md").read_text()
 
 
-@pytest.mark.parametrize(("duration", "told"), [(0.13, True), (0.5, False)])
-def test_a_motion_too_short_for_its_peak_is_named(workshop, duration, told):
+@pytest.mark.parametrize(("duration", "is_short"), [(0.13, True), (0.5, False)])
+def test_a_motion_too_short_for_its_peak_is_named(workshop, duration, is_short):
     """A weight on two cables loses one. Within a tenth of the period the other force has not doubled."""
     nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-10,0,1000,-9810\n"
     text = CABLE.replace("80e6", "1e6") + "[load]\nself_weight = false\n"
@@ -214,4 +214,4 @@ def test_a_motion_too_short_for_its_peak_is_named(workshop, duration, told):
     text += f"[dynamics]\nduration = {duration}\n"
     workshop.solve(text, nodes, "id,start,end,unstressed_length\n1,1,2,10\n2,1,2,10\n").close()
     (line,) = (line for line in workshop.info().splitlines() if line.startswith("removal 1"))
-    assert ("; element 2 did not reach the tension of" in line) == told, line
+    assert ("; element 2 did not reach the tension of" in line) == is_short, line

@@ -101,7 +101,7 @@ def test_run_info_and_report_name_the_post_and_its_ropes(workshop, broken):
         over = most[broke] / (1.6e11 * 2300e-6 * strain)  # remnants bear no more
         assert (over > 1.0 - 1e-9).all() and (over < 1.0 + 1e-9).sum() >= len(broke) - 1
         assert most[:8].max() < 1.3 * 3000e3  # what the step in which it breaks, and the next one, add
-        assert len(ropes) and most[8] > 1.05 * 3000e3 and end == 2.0  # else the case shows nothing
+        assert len(ropes) and most[8] > 1.05 * 3000e3 and end == 2.0  # otherwise the case shows nothing
     worst = ropes[np.argmax(most[ropes])]
     had = "1 element had" if len(ropes) == 1 else f"{len(ropes)} elements had"
     for text in (out, workshop.info(result), workshop.report(result).page):
@@ -140,8 +140,8 @@ def test_an_unknown_group_is_named_before_its_consequences(workshop):
 def test_elements_that_break_in_equilibrium_are_named(workshop):
     """1.5 MN on the post pull at the lower ropes."""
     done = workshop.solve(JOB, NODES.replace("-150e3", "-1500e3"), ELEMENTS, code=3)
-    told = "all loads: no equilibrium: element 5 breaks (load factor reached 0.9271). Lower the load"
-    assert told in done.stderr
+    message = "all loads: no equilibrium: element 5 breaks (load factor reached 0.9271). Lower the load"
+    assert message in done.stderr
 
 
 def test_elements_that_break_before_the_wind_are_named_with_the_key_that_helps(workshop):

@@ -23,7 +23,7 @@ OUR_OWN = ("PYTHONPATH", "VIRTUAL_ENV", "PYTHONWARNINGS")  # left out: packages 
 
 
 def run(*command, cwd: Path) -> str:
-    """What a command prints; it has to succeed."""
+    """Run a command, which must succeed; return its output."""
     others = {name: value for name, value in ENVIRONMENT.items() if name not in OUR_OWN}
     return run_process(*command, cwd=cwd, environment=others, timeout=3600).stdout
 
@@ -89,8 +89,8 @@ def test_the_lock_file_has_a_version_of_each_package_that_is_allowed():
         canonicalize_name(name): version for name, _, version in (line.partition("==") for line in lines)
     }
     extras = PROJECT["optional-dependencies"]
-    asked = sum((extras[name] for name in ("plot", "cad", "view", "study", "test")), PROJECT["dependencies"])
-    for one in (Requirement(text) for text in asked if not text.startswith("netfall[")):
+    needed = sum((extras[name] for name in ("plot", "cad", "view", "study", "test")), PROJECT["dependencies"])
+    for one in (Requirement(text) for text in needed if not text.startswith("netfall[")):
         assert one.specifier.contains(locked[canonicalize_name(one.name)]), one
 
 

@@ -63,8 +63,8 @@ def test_changed_output_is_an_error_and_can_be_renewed(tmp_path):
 def test_blocks_that_do_not_run_are_errors(block, fault, tmp_path):
     page = tmp_path / "page.md"
     page.write_text(block + "\n")
-    (found,) = run_page(page, tmp_path)
-    assert fault in found
+    (error,) = run_page(page, tmp_path)
+    assert fault in error
 
 
 def test_elisions():

@@ -177,8 +177,8 @@ if "mpi4py.MPI" in sys.modules:
 @pytest.mark.parametrize("rank, says", [(None, "1\n"), ("0", "")])
 def test_a_process_without_a_launcher_starts_mpi_by_itself(rank, says):
     """It restores all settings. A process that a launcher started is left alone."""
-    there = {"PMI_RANK": rank} if rank else {}
-    assert run_process(sys.executable, "-c", ALONE, environment=ENVIRONMENT | there).stdout == says
+    environment = {"PMI_RANK": rank} if rank else {}
+    assert run_process(sys.executable, "-c", ALONE, environment=ENVIRONMENT | environment).stdout == says
 
 
 OPENS_LATER = (
@@ -193,12 +193,12 @@ MPI.File.Open(MPI.COMM_WORLD, sys.argv[1], MPI.MODE_CREATE | MPI.MODE_RDWR).Clos
 
 def test_the_end_of_one_process_does_not_affect_another(tmp_path):
     """Two of one user without a launcher: the second opens a file after the first has ended."""
-    there = ENVIRONMENT | {"TMPDIR": str(tmp_path)}
+    environment = ENVIRONMENT | {"TMPDIR": str(tmp_path)}
     pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
     command = [sys.executable, "-c", OPENS_LATER, str(tmp_path / "file")]
-    with subprocess.Popen(command, env=there, text=True, **pipes) as second:
+    with subprocess.Popen(command, env=environment, text=True, **pipes) as second:
         assert [second.stdout.readline() for _ in range(2)] == ["1\n", "there\n"]
-        subprocess.run([sys.executable, "-c", ALONE], env=there, capture_output=True, check=True)
+        subprocess.run([sys.executable, "-c", ALONE], env=environment, capture_output=True, check=True)
         _, error = second.communicate("go\n")
     assert (second.returncode, error) == (0, "")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]

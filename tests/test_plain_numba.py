@@ -63,7 +63,7 @@ def outer(**changes) -> Outer:
     )
 
 
-def found(record: Outer) -> list[float]:
+def values_of(record: Outer) -> list[float]:
     out = np.zeros(8)
     read(record, out)
     return out.tolist()
@@ -72,23 +72,23 @@ def found(record: Outer) -> list[float]:
 def test_compiled_code_reads_the_fields_of_a_record():
     """Numbers, arrays of several types and axes, an inner record; by position, name, changed, pickled."""
     whole = outer()
-    assert found(whole) == [-0.1, -7, 1, 1, 1, 256, 11, 210 + 543]
+    assert values_of(whole) == [-0.1, -7, 1, 1, 1, 256, 11, 210 + 543]
     by_place = Outer(-0.1, -7, whole.flags, whole.pairs, whole.inner)
     for other in (by_place, pickle.loads(pickle.dumps(whole)), whole.with_values()):
-        assert found(other) == found(whole)
-    assert found(whole.with_values(factor=np.inf, count=2**40))[:2] == [np.inf, 2.0**40]
-    assert found(whole)[:2] == [-0.1, -7]  # a record is never changed,
+        assert values_of(other) == values_of(whole)
+    assert values_of(whole.with_values(factor=np.inf, count=2**40))[:2] == [np.inf, 2.0**40]
+    assert values_of(whole)[:2] == [-0.1, -7]  # a record is never changed,
     whole.inner.table[0] = 0.0  # but its arrays may be
-    assert found(by_place)[7] == 543
-    assert np.isnan(found(outer(factor=np.nan))[0])
+    assert values_of(by_place)[7] == 543
+    assert np.isnan(values_of(outer(factor=np.nan))[0])
 
 
 def test_absent_fields_are_absent_in_compiled_code():
     nothing = Outer.absent()
-    assert found(nothing) == [0.0] * 8
-    assert found(outer(inner=nothing.inner))[4:] == [0, 256, 11, 0]
-    assert found(outer(pairs=np.zeros((0, 2), np.uint32)))[2:5] == [1, 0, 1]
-    assert found(nothing.with_values(inner=inner()))[2:5] == [0, 0, 1]
+    assert values_of(nothing) == [0.0] * 8
+    assert values_of(outer(inner=nothing.inner))[4:] == [0, 256, 11, 0]
+    assert values_of(outer(pairs=np.zeros((0, 2), np.uint32)))[2:5] == [1, 0, 1]
+    assert values_of(nothing.with_values(inner=inner()))[2:5] == [0, 0, 1]
     assert not [name for name in ("flags", "pairs") if getattr(nothing, name).size]
 
 
@@ -210,11 +210,11 @@ def canonical(values: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("name", OPERATIONS)
 def test_vector_operations_have_the_bits_of_scalar_ones(name):
     rows, high = numbers_of_all_kinds(40 * LANES), 40 * LANES - 3
-    found, expected = np.full((2, 40 * LANES), 7.0)
+    values_of, expected = np.full((2, 40 * LANES), 7.0)
     of_vectors, one_by_one = both_ways(OPERATIONS[name])
-    of_vectors(rows, high, found)
+    of_vectors(rows, high, values_of)
     one_by_one(rows, high, expected)
-    assert np.array_equal(canonical(found), canonical(expected)) and (found[high:] == 7.0).all()
+    assert np.array_equal(canonical(values_of), canonical(expected)) and (values_of[high:] == 7.0).all()
 
 
 def test_scalar_functions_agree_with_numpy():

@@ -9,7 +9,7 @@ import llvmlite.binding
 import numpy as np
 import pytest
 from conftest import ROOT, run_on_standing_ranks, run_process
-from processors import JOBS, LIKE, TOGETHER, digest, kept, run
+from processors import JOBS, LIKE, TOGETHER, digest, run, stored_digests
 from test_output import assert_expected_size, check_output
 
 FEATURES = [name for name, here in llvmlite.binding.get_host_cpu_features().items() if here]
@@ -17,14 +17,14 @@ CHANGED = "the bits of {}'s result have changed; if that is meant: tests/process
 
 
 def test_every_shipped_job_has_a_digest():
-    assert sorted(kept()) == sorted(JOBS)
+    assert sorted(stored_digests()) == sorted(JOBS)
 
 
 @pytest.mark.parametrize("name", sorted({*JOBS} - {"wheel_erection"}))  # it is run in test_erection.py
 def test_shipped_jobs_have_the_stored_bits(name, tmp_path):
     result = tmp_path / "result.vtkhdf"
     run_on_standing_ranks("run", JOBS[name], "-o", result, "--quiet", cwd=tmp_path)
-    assert digest(result) == kept()[name], CHANGED.format(name)
+    assert digest(result) == stored_digests()[name], CHANGED.format(name)
     with h5py.File(result) as f:
         if "history" in f:
             assert np.abs(f["history/work_identity_error"][:]).max() < 1e-10  # of the energy that took part
@@ -39,8 +39,8 @@ def test_shipped_jobs_have_the_stored_bits(name, tmp_path):
     if name in ("quake", "ring_storm", "stadium", "wheel"):
         assert_expected_size(check_output(name), result)
     if name == "stadium":
-        said = (ROOT / "README.md").read_text()
-        assert f"breaks the first of {stated_fractures(JOBS[name])[1]} elements" in said
+        readme = (ROOT / "README.md").read_text()
+        assert f"breaks the first of {stated_fractures(JOBS[name])[1]} elements" in readme
 
 
 def stated_fractures(job) -> tuple[str, int, float] | None:
@@ -64,7 +64,7 @@ def computed_fractures(result) -> tuple[str, int, float] | None:
 @pytest.mark.parametrize("name", JOBS)
 def test_shipped_jobs_on_three_ranks_as_on_another_processor(name, tmp_path):
     """All variables at once. One at a time: tests/processors.py --like all."""
-    assert run(JOBS[name], tmp_path, 3, TOGETHER) == kept()[name]
+    assert run(JOBS[name], tmp_path, 3, TOGETHER) == stored_digests()[name]
 
 
 @pytest.mark.skipif("avx2" not in FEATURES, reason="there is nothing to leave out")

@@ -219,13 +219,13 @@ def test_a_signal_to_one_rank_of_mpirun_stops_all(here, signal, moment, error):
 
 
 @pytest.mark.parametrize(
-    "error, told",
+    "error, message",
     [
         ("MemoryError('an array')", "MemoryError: an array\n"),
         ("OutputError('disk full', 'a.checkpoint.h5')", "OutputError: disk full\n"),
     ],
 )
-def test_an_error_on_one_rank_of_mpirun_ends_all(here, error, told):
+def test_an_error_on_one_rank_of_mpirun_ends_all(here, error, message):
     """The other ranks would wait forever, also if the script handles the error. A checkpoint in the temporary
     folder is not named.
     """
@@ -242,7 +242,7 @@ def test_an_error_on_one_rank_of_mpirun_ends_all(here, error, told):
     )
     command = [*on_ranks(2), sys.executable, "script.py", str(ROOT / "tests")]
     done = run_process(*command, cwd=here, code=1, timeout=60)
-    assert told in done.stderr
+    assert message in done.stderr
 
 
 @pytest.mark.parametrize(
@@ -371,7 +371,7 @@ def test_paths_in_overrides_of_a_dict_are_relative_to_the_working_directory(here
 
 
 def test_a_key_of_a_dict_has_a_value_and_a_file(here):
-    """None is refused with its key, also in an entry; the message of a missing file tells the folder."""
+    """None is refused with its key, also in an entry; the message of a missing file names the folder."""
     for wrong, place in (
         ({"load": {"snow": None}}, "[load] snow = None:"),
         ({"title": None}, "title = None:"),

@@ -49,49 +49,49 @@ def kept_at(f, place: str, row, start: np.ndarray, load: np.ndarray) -> Kept:
     return Kept(place, x, load, group["reaction"][row], group["residual_sum"][row])
 
 
-def hanging(net: LoadedNet, f, L0, there=None) -> np.ndarray:
+def hanging(net: LoadedNet, f, L0, is_present=None) -> np.ndarray:
     """Return self weight (n, 3) [N] of elements with unstressed lengths L0 (m,) [m], half at each end."""
     ends, parts = f["net/elements"][:], len(f["net/elements"]) // len(net.ends)
-    half = 0.5 * np.repeat(net.weights(net.group), parts) * L0 * (True if there is None else there)
+    half = 0.5 * np.repeat(net.weights(net.group), parts) * L0 * (True if is_present is None else is_present)
     force = np.zeros((len(f["net/particles"]), 3))
     for end in ends.T:
         np.subtract.at(force[:, 2], end, half)
     return force
 
 
-def kept(net: LoadedNet, f) -> list[Kept]:
+def kept_states(net: LoadedNet, f) -> list[Kept]:
     """Return all equilibria of a result that carry their whole load, with the loads of the job."""
     n, every = len(f["net/particles"]), np.ones(len(f["net/elements"]), bool)
     # inside elements there is none
     on_all = lambda rows: np.concatenate([rows, np.zeros((n - len(rows), 3))])
     live = lambda changed: on_all(net.of_roof("snow", changed) + net.of_roof("pressure", changed))
     dead, at_nodes = lambda changed: on_all(net.of_roof("dead", changed)), on_all(net.load)
-    found, changed, last = [], {}, None
+    states, changed, last = [], {}, None
     carries = lambda place: place in f and f[place].attrs.get("state") not in NOT_FOUND
     start = f["form_finding/position"][:] if "form_finding" in f else f["net/particles"][:]
     if carries("form_finding"):
         load = np.zeros((n, 3))
         if "loaded_form" in net.features:
             load = hanging(net, f, f["form_finding/unstressed_length"][:]) + dead({})
-        found.append(kept_at(f, "form_finding", ..., start, load))
+        states.append(kept_at(f, "form_finding", ..., start, load))
     for stage in net.job.get("stage", []):
         changed |= stage.get("set", {})
         if (place := f"stages/{stage['name']}") not in f:
-            return found
-        there, at, last = f[place]["active"][:] == 1, np.zeros((n, 1), bool), place
-        at[f["net/elements"][:][there]] = True
+            return states
+        is_present, at, last = f[place]["active"][:] == 1, np.zeros((n, 1), bool), place
+        at[f["net/elements"][:][is_present]] = True
         load = np.where(at, live(changed) + dead(changed) + at_nodes, 0.0)
-        load += hanging(net, f, f[place]["unstressed_length"][:], there)
+        load += hanging(net, f, f[place]["unstressed_length"][:], is_present)
         if carries(place):
-            found.append(kept_at(f, place, ..., start, load))
-    there = f[last]["active"][:] == 1 if last else every
+            states.append(kept_at(f, place, ..., start, load))
+    is_present = f[last]["active"][:] == 1 if last else every
     start = start + f[last]["displacement"][:] if last else start
-    permanent = hanging(net, f, f["net/unstressed_length"][:], there) + dead({})
+    permanent = hanging(net, f, f["net/unstressed_length"][:], is_present) + dead({})
     load = permanent + live({}) + at_nodes
     if "statics" in f:
         factors = f["statics/load_factor"][:]
         for row in range(len(factors) - (not carries("statics"))):
-            found.append(kept_at(f, "statics", row, start, permanent + factors[row] * (load - permanent)))
+            states.append(kept_at(f, "statics", row, start, permanent + factors[row] * (load - permanent)))
     named, added = {}, {}
     for case in net.job.get("case", []):
         own, others = case.get("set", {}), on_all(case_load(net, case, start[: len(net.x)]))
@@ -103,27 +103,27 @@ def kept(net: LoadedNet, f) -> list[Kept]:
         named[each["name"]] += sum(factors[name] * force for name, force in added.items())
     for name, force in named.items():
         if carries(f"cases/{name}"):
-            found.append(kept_at(f, f"cases/{name}", ..., start, force))
+            states.append(kept_at(f, f"cases/{name}", ..., start, force))
     if carries("initial_state"):
-        found.append(
+        states.append(
             kept_at(f, "initial_state", ..., start, load + on_all(net.of_steady_wind(start[: len(net.x)])))
         )
-    return found
+    return states
 
 
-def balanced(net: LoadedNet, folder: Path, seen: Counter) -> None:
+def balanced(net: LoadedNet, folder: Path, counts: Counter) -> None:
     """Run a job; AssertionError if the reactions of any of its equilibria do not balance the loads.
 
-    seen : takes what came of it, and the largest imbalances
+    counts : takes what came of it, and the largest imbalances
     """
     for name, text in (net.tables | {"job.toml": net.text}).items():
         (folder / name).write_text(text)
     line = ["run", "job.toml", "-o", "result.vtkhdf"]
     done = run_on_standing_ranks(*line, cwd=folder, code=None)
-    said = done.stdout + done.stderr
-    seen[f"exit code {done.returncode}"] += 1
-    assert done.returncode in (0, 3), said
-    assert "out of balance" not in said, said
+    output = done.stdout + done.stderr
+    counts[f"exit code {done.returncode}"] += 1
+    assert done.returncode in (0, 3), output
+    assert "out of balance" not in output, output
     if not (folder / "result.vtkhdf").exists():
         return
     with h5py.File(folder / "result.vtkhdf") as f:
@@ -133,7 +133,7 @@ def balanced(net: LoadedNet, folder: Path, seen: Counter) -> None:
             assert (e["reaction_lowest"][:] <= R + small).all() and (
                 e["reaction_highest"][:] >= R - small
             ).all()
-        for each in kept(net, f):
+        for each in kept_states(net, f):
             tolerance = net.job["load"]["tolerance"]
             if each.place == "form_finding":
                 tolerance = net.job["form_finding"]["tolerance"]
@@ -147,19 +147,19 @@ def balanced(net: LoadedNet, folder: Path, seen: Counter) -> None:
             )
             if not net.features & {"bending", "slide"}:  # sections held against tilting; weights that moved
                 assert turning <= 1.0, f"{each.place}: moments, {turning:.2g} times the tolerance"
-                seen["moments"] = max(seen["moments"], turning)
-            seen["exact"], seen["rough"] = max(seen["exact"], exact), max(seen["rough"], rough)
-            seen[each.place.partition("/")[0]] += 1
-            seen.update(net.features)
+                counts["moments"] = max(counts["moments"], turning)
+            counts["exact"], counts["rough"] = max(counts["exact"], exact), max(counts["rough"], rough)
+            counts[each.place.partition("/")[0]] += 1
+            counts.update(net.features)
 
 
 def try_all(seeds) -> Counter:
     """Run the jobs of some seeds; return their outcomes."""
-    seen = Counter()
+    counts = Counter()
     for seed in seeds:
         with TemporaryDirectory() as folder:
-            balanced(loaded_net(seed), Path(folder), seen)
-    return seen
+            balanced(loaded_net(seed), Path(folder), counts)
+    return counts
 
 
 def test_reactions_include_the_weight_of_slipping_cables(workshop):
@@ -195,10 +195,10 @@ def test_a_run_detects_reactions_that_do_not_balance_the_loads(left, right, betw
     )
     moves, N = np.array([False, True, False]), np.array([7.0, 7.0])
     parts = BalanceTerms(ROW, load, reaction, residual, moves, N, np.array([hold]))
-    found = sum_balance(MPI.COMM_SELF, parts, 5e-4, 1e-6)
-    assert found.unexplained == pytest.approx(expected, rel=1e-4, abs=1e-12)
-    assert found.error == pytest.approx(abs(10.0 - left - right) / max(left + right, 7.0), abs=1e-15)
-    assert found.residual_sum == pytest.approx([0.0, 0.0, -between])
+    balance = sum_balance(MPI.COMM_SELF, parts, 5e-4, 1e-6)
+    assert balance.unexplained == pytest.approx(expected, rel=1e-4, abs=1e-12)
+    assert balance.error == pytest.approx(abs(10.0 - left - right) / max(left + right, 7.0), abs=1e-15)
+    assert balance.residual_sum == pytest.approx([0.0, 0.0, -between])
 
 
 def test_one_warning_names_the_worst_equilibrium():
@@ -209,12 +209,12 @@ def test_one_warning_names_the_worst_equilibrium():
 
 @pytest.mark.parametrize("seeds", [SHORT, pytest.param(LONG, marks=pytest.mark.long)], ids=len)
 def test_reactions_balance_the_loads_of_random_nets(seeds):
-    seen = try_all(seeds)
-    assert seen["exit code 0"] > 0.8 * len(seeds), seen
-    assert not {name for name in FEATURES if not seen[name]}, seen
+    counts = try_all(seeds)
+    assert counts["exit code 0"] > 0.8 * len(seeds), counts
+    assert not {name for name in FEATURES if not counts[name]}, counts
     assert (
-        min(seen[place] for place in ("form_finding", "stages", "statics", "cases", "initial_state")) > 2
-    ), seen
+        min(counts[place] for place in ("form_finding", "stages", "statics", "cases", "initial_state")) > 2
+    ), counts
 
 
 def test_reactions_in_motion_have_their_peak(workshop):

@@ -46,8 +46,8 @@ def anchors(page):
 
 
 def links(page):
-    found = re.findall(r"\]\((?!https?://)([^)\s]+)\)", prose(page))
-    return [link.partition("#")[::2] for link in found]
+    targets = re.findall(r"\]\((?!https?://)([^)\s]+)\)", prose(page))
+    return [link.partition("#")[::2] for link in targets]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)

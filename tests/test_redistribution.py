@@ -26,10 +26,10 @@ def shares_of_removal(pairs, cable, L0, loose, torn=()):
     pairs = np.array(pairs)
     net = SimpleNamespace(elements=pairs, cable=np.array(cable))
     flags = np.isin(np.arange(pairs.max() + 1), loose)
-    found = redistribute(net, np.array(L0, float), np.arange(len(pairs)), flags, torn)
-    shares = {int(p): {} for p in found.particles}
-    for k, receiver, share in zip(found.source, found.receiver, found.share):
-        shares[int(found.particles[k])][int(receiver)] = float(share)
+    result = redistribute(net, np.array(L0, float), np.arange(len(pairs)), flags, torn)
+    shares = {int(p): {} for p in result.particles}
+    for k, receiver, share in zip(result.source, result.receiver, result.share):
+        shares[int(result.particles[k])][int(receiver)] = float(share)
     return shares
 
 
@@ -38,10 +38,10 @@ CHAIN = [(0, 1), (1, 2), (2, 3)]
 
 def test_a_chain_is_shared_by_the_lever_rule():
     """Parts of 1, 2 and 3 m: a node 1 m from one end and 5 m from the other gives it 5/6."""
-    found = shares_of_removal(CHAIN, [0, 0, 0], [1, 2, 3], [1, 2])
-    assert found == {1: {0: pytest.approx(5 / 6), 3: pytest.approx(1 / 6)}, 2: {0: 0.5, 3: 0.5}}
+    shares = shares_of_removal(CHAIN, [0, 0, 0], [1, 2, 3], [1, 2])
+    assert shares == {1: {0: pytest.approx(5 / 6), 3: pytest.approx(1 / 6)}, 2: {0: 0.5, 3: 0.5}}
     backwards = shares_of_removal([(2, 3), (2, 1), (1, 0)], [0, 0, 0], [3, 2, 1], [1, 2])
-    assert backwards == found
+    assert backwards == shares
 
 
 def test_an_unsupported_end_receives_no_load():
@@ -81,10 +81,10 @@ def test_the_loads_of_a_removed_grid_go_to_its_border():
     number = np.arange(25).reshape(5, 5)
     lines = [number[k] for k in (1, 2, 3)] + [number[:, k] for k in (1, 2, 3)]
     pairs = [(int(a), int(b)) for line in lines for a, b in pairwise(line)]
-    found = shares_of_removal(pairs, np.repeat(np.arange(6), 4), np.ones(24), number[1:-1, 1:-1].ravel())
-    assert found[12] == {2: 0.25, 10: 0.25, 14: 0.25, 22: 0.25}
-    assert found[6] == {k: pytest.approx(w / 8) for k, w in ((1, 3), (5, 3), (9, 1), (21, 1))}
-    assert all(sum(shares.values()) == pytest.approx(1.0) for shares in found.values()) and len(found) == 9
+    result = shares_of_removal(pairs, np.repeat(np.arange(6), 4), np.ones(24), number[1:-1, 1:-1].ravel())
+    assert result[12] == {2: 0.25, 10: 0.25, 14: 0.25, 22: 0.25}
+    assert result[6] == {k: pytest.approx(w / 8) for k, w in ((1, 3), (5, 3), (9, 1), (21, 1))}
+    assert all(sum(shares.values()) == pytest.approx(1.0) for shares in result.values()) and len(result) == 9
 
 
 def test_an_unsupported_ring_keeps_its_loads():
@@ -187,7 +187,7 @@ time = 0.3
 duration = 0.05
 """
 AREA, MASS, LOAD = np.array([2.0, 3.0, 5.0, 1.5]), np.array([0.0, 10.0, 0.0, 0.0]), [0.0, -200.0, 0.0, -50.0]
-# N on what is held: loads along x from the start, or all is compiled again when some come
+# N on held nodes: loads along x from the start avoid a second compilation
 SIDEWAYS = (1, 0, 0, 0)
 AT = np.array([0.0, 1.0, 3.0, 6.0])  # m, along the chain
 
@@ -263,9 +263,9 @@ def test_a_roof_with_fractures_and_removals_has_the_same_bits(workshop, what_lea
         broke = dict(zip(one["events/element"][:].tolist(), one["events/time"][:].tolist()))
         assert sum(broke.get(e, np.inf) < t for e, t in zip(lost.tolist(), time)) >= 3
         assert np.abs(one["history/work_identity_error"][:]).max() < 1e-12  # rounding
-        kept = sorted(workshop.folder.glob("two.checkpoint*"))
-        assert len(kept) == 2
-        for checkpoint, ranks in zip(kept[-len(restarts) :], restarts):
+        checkpoints = sorted(workshop.folder.glob("two.checkpoint*"))
+        assert len(checkpoints) == 2
+        for checkpoint, ranks in zip(checkpoints[-len(restarts) :], restarts):
             with workshop.run(job, "--restart", checkpoint, ranks=ranks, output="again.vtkhdf") as again:
                 assert_same_results(one, again)
 
@@ -292,7 +292,7 @@ def test_answers_do_not_depend_on_the_refinement(workshop):
     From 2 on: with 1 the faces have four corners and are shared by triangles, with more they have eight and
     more and are shared by nearest corner, so that step is between two rules.
     """
-    found, lost = [], []
+    results, lost = [], []
     for parts in (1, 2, 4, 8, 16):
         job = workshop.job(saddle("", parts=parts, prestress=400e3) + STANDING)
         with workshop.run(job, output=f"{parts}.vtkhdf") as f:
@@ -301,16 +301,16 @@ def test_answers_do_not_depend_on_the_refinement(workshop):
             before, after = mean(f["initial_state/tension"][:]), mean(g["tension_after"][0])
             factor = g["dynamic_factor"][0].reshape(-1, parts)[:, 0]
             place, moved = f["initial_state/position"][:][nodes], f["envelope/displacement_max"][:][nodes]
-            found.append((before, after, place, factor, moved))
+            results.append((before, after, place, factor, moved))
         if parts < 8:
             outcome = run_sample(MPI.COMM_WORLD, lambda job=job: read_job(job), None, ResultCache())
             lost.append((outcome["state"], outcome["detached_area"]))
     assert lost == [("finished", 0.0)] * 3
-    for values in list(zip(*found))[:3]:
+    for values in list(zip(*results))[:3]:
         steps = [np.abs(b - a).max() for a, b in pairwise(values)]
         ratios = np.array(steps[:-1]) / steps[1:]
         assert ((ratios > 3.5) & (ratios < 4.5))[1:].all() and ratios[0] > 3.5, (steps, ratios)
-    (_, _, _, coarse, moved), (before, after, _, fine, moved_finer) = found[2:4]
-    telling = (np.abs(after - before) > 0.1 * before.max()) & (after > 0)  # 0: what is lost
+    (_, _, _, coarse, moved), (before, after, _, fine, moved_finer) = results[2:4]
+    telling = (np.abs(after - before) > 0.1 * before.max()) & (after > 0)  # 0: removed
     assert telling.sum() > 3 and fine[telling] == pytest.approx(coarse[telling], rel=0.02)
     assert moved_finer.max() == pytest.approx(moved.max(), rel=0.02)

@@ -84,16 +84,16 @@ def test_a_fading_tension_moves_the_weight_as_in_closed_form(both_ways):
         result[f"removal/{name}"][:]
         for name in ("tension_before", "tension_after", "tension_peak", "dynamic_factor")
     )
-    there = np.arange(1, 2 * len(shares), 2)
-    assert before[0, there] == pytest.approx(WEIGHT / 2, rel=1e-9)  # 1e-10 of the load, found at rest
-    assert after[0, there] == pytest.approx(WEIGHT, rel=1e-9)
-    assert (after[0, there - 1] == 0).all() and np.isnan(peak[:, there - 1]).all()
+    middles = np.arange(1, 2 * len(shares), 2)
+    assert before[0, middles] == pytest.approx(WEIGHT / 2, rel=1e-9)  # 1e-10 of the load, found at rest
+    assert after[0, middles] == pytest.approx(WEIGHT, rel=1e-9)
+    assert (after[0, middles - 1] == 0).all() and np.isnan(peak[:, middles - 1]).all()
     turns = np.pi * np.array(shares)
     exact = 1 + np.abs(np.sin(turns)) / turns
     # the step rounds the peak down by up to (2 pi / 400)^2 / 8 = 3e-5, stretches the period by a third of
     # that, and rounds the start
-    assert factor[0, there] == pytest.approx(exact, abs=1e-4)
-    assert (factor[:, there] == factor[0, there]).all() and np.isnan(factor[:, there - 1]).all()
+    assert factor[0, middles] == pytest.approx(exact, abs=1e-4)
+    assert (factor[:, middles] == factor[0, middles]).all() and np.isnan(factor[:, middles - 1]).all()
     # the step's own energy error, (2 pi / 400)^2 / 4, of energies that are as large as what takes part
     assert (audits(result) < (1e-13, 1e-4)).all()  # rounding
 
@@ -142,7 +142,7 @@ def test_the_motion_after_a_removal_is_of_second_order_in_the_step(workshop, tim
         errors.append(y[-1] - y[0] - exact)
         assert np.abs(f["history/work_identity_error"][:]).max() < 1e-13  # rounding
     size = WEIGHT * L0 / EA
-    assert errors[0] / errors[1] == pytest.approx(9.0, rel=0.2)  # what is left is of the fourth order
+    assert errors[0] / errors[1] == pytest.approx(9.0, rel=0.2)  # the error is of fourth order
     assert errors[1] / errors[2] == pytest.approx(9.0, rel=0.02)
     assert abs(errors[0]) < (2.0 * np.pi / 20) ** 2 * size  # of the scheme: (w dt)^2 / 24 w t, and the start
 
@@ -155,7 +155,7 @@ def breaking(strain: float) -> str:
     )
 
 
-# what it loses: some elements, then one, then a whole cable
+# removals: some elements, then one, then a whole cable
 LOSSES = """[[remove]]
 elements = [20, 21, 22]
 time = 0.1
@@ -208,8 +208,8 @@ def test_a_pause_in_the_search_for_the_damaged_equilibrium_changes_no_bit(worksh
     whole = workshop.run(job, output="whole.vtkhdf")
     assert np.isfinite(whole["removal/tension_after"][:]).all()
     monkeypatch.setattr("netfall.driver.removal.equilibria.solve_equilibrium", pausing)
-    checkpoint, said = workshop.pause(job, stop)
-    assert "in statics, the net without element 3" in said
+    checkpoint, message = workshop.pause(job, stop)
+    assert "in statics, the net without element 3" in message
     with workshop.run(job, "--restart", checkpoint) as again:
         assert_same_results(whole, again)
 
@@ -258,8 +258,8 @@ def test_a_removed_element_leaves_with_its_unsupported_nodes(torn):
     assert (cable[lost[entry == 2]] == cable[ids == 4][0]).all() and (entry == 2).sum() > 4
     assert torn["removal/time"][:] == pytest.approx([0.1, 0.15, 0.25], abs=3e-4)  # a step
     assert (torn["final/tension"][:][lost] == 0).all()
-    gone = dict(zip(lost.tolist(), torn["removal/time"][:][entry].tolist()))
-    assert all(t < gone.get(e, 1.0) for e, t in zip(torn["events/element"][:], torn["events/time"][:]))
+    removed = dict(zip(lost.tolist(), torn["removal/time"][:][entry].tolist()))
+    assert all(t < removed.get(e, 1.0) for e, t in zip(torn["events/element"][:], torn["events/time"][:]))
     inner = np.intersect1d(*torn["net/elements"][:][ids == 40])  # between the two halves
     assert (torn["final/velocity"][:][inner] == 0).all()
     each_damaged_equilibrium_exceeds_strengths(torn)
@@ -291,14 +291,14 @@ def extremes_contain_all_rows(torn):
     for k in range(3):
         rows = frames[(time >= ends[k]) & (time <= ends[k + 1])]
         high, low = (torn[f"removal/tension_{which}"][k] for which in ("highest", "lowest"))
-        there = ~np.isnan(low)
+        known = ~np.isnan(low)
         assert (
             np.isnan(high)
             == np.isin(np.arange(len(low)), torn["removal/element"][:][torn["removal/entry"][:] <= k])
         ).all()
         single = 1e-7 * largest  # of the frames
-        assert (high >= rows.max(0) - single)[there].all() and (low <= rows.min(0) + single)[there].all()
-        assert (high > rows.max(0) + single)[there].any()
+        assert (high >= rows.max(0) - single)[known].all() and (low <= rows.min(0) + single)[known].all()
+        assert (high > rows.max(0) + single)[known].any()
 
 
 ON_FOUR = "id,x,y,z,fixed,mass,load_z\n5,0,0,0,0,50,-4000\n"  # a weight
@@ -402,7 +402,7 @@ def test_histories_of_unknown_ids_are_refused(workshop):
 
 
 NONE_SUCH = "[output]\nprobes = [0, 7, [0.0, 1.0]]\nelements = [9, 1, 5]\n"
-NOT_THERE = [  # keys of an entry, and what is said of them
+NOT_THERE = [  # keys of an entry, and the message
     ("elements = [0, 7, 9]", "elements: the net has no element 7, 9 (its ids are 0 to 1)"),
     ('group = "hangar"', 'group = "hangar": no such group of elements; did you mean "hanger"?'),
     ('cables = ["e9"]', 'cables: no cable "e9"; did you mean'),
@@ -426,7 +426,7 @@ def test_a_wrong_entry_is_refused(workshop, text, line):
     rows = "\n".join(r if i == 0 else f"{r}, hanger" for i, r in enumerate(rows.split("\n")))
     job = workshop.job(CABLE + dynamics(1.0, 10) + f"[[remove]]\n{text}\n", nodes, rows)
     lines = error_lines(lambda: make_layout(read_job(job), 1))
-    assert any(found.startswith(f"{job}: [[remove]] 1: {line}") for found in lines), lines
+    assert any(message.startswith(f"{job}: [[remove]] 1: {line}") for message in lines), lines
 
 
 def test_run_and_info_describe_member_removals(workshop):
@@ -445,11 +445,11 @@ def test_run_and_info_describe_member_removals(workshop):
         "removal 2: nothing was removed: its time is after the end, or it was removed before",
         "2 elements (0, 1); the net has no equilibrium; nothing broke afterwards",
     ]
-    told = run_on_standing_ranks("info", workshop.folder / "result.vtkhdf").stdout
+    output = run_on_standing_ranks("info", workshop.folder / "result.vtkhdf").stdout
     for line in lines:
-        assert line in done.stdout and line in told, told
+        assert line in done.stdout and line in output, output
     assert "the net without elements 0, 1: no equilibrium: a part is connected to no support" in done.stdout
-    assert "gusts act after" not in told
+    assert "gusts act after" not in output
     report_describes_removals(workshop)
     with workshop.open() as result:  # the weight falls freely, with the weight and mass that it has
         fallen = result["history/time"][-1] - result["removal/time"][2]
@@ -476,9 +476,9 @@ def removals(times, elements, before, after, highest, factor) -> dict:
 
 def test_a_note_says_that_factors_in_gusts_include_the_gusts(torn):
     """The result contains the note: the extremes after a removal are those of removal and gusts."""
-    told = run_on_standing_ranks("info", torn.filename).stdout
+    text = run_on_standing_ranks("info", torn.filename).stdout
     assert (
-        "note: [[remove]]: gusts act after the removal, so the largest forces and the dynamic factors" in told
+        "note: [[remove]]: gusts act after the removal, so the largest forces and the dynamic factors" in text
     )
 
 
@@ -488,8 +488,8 @@ def test_a_warning_says_that_factors_include_moving_supports(workshop):
     text = CABLE + dynamics(PERIOD, 100) + entry([2], 0.1) + '[[motion]]\ndisplacement = "move.csv"\n'
     job = workshop.job(text, nodes, elements)
     (workshop.folder / "move.csv").write_text("time,z\n0,0\n0.2,-0.01\n")
-    told = run_on_standing_ranks("check", job).stdout
-    assert "warning: [[remove]]: supports move too, so the largest forces and the dynamic factors" in told
+    output = run_on_standing_ranks("check", job).stdout
+    assert "warning: [[remove]]: supports move too, so the largest forces and the dynamic factors" in output
 
 
 @pytest.mark.parametrize(("time", "count"), [(0.1, 1), (0.6, 0)])
@@ -499,8 +499,8 @@ def test_a_removal_while_the_pressure_grows_is_a_warning(workshop, time, count):
     text = CABLE + "pressure = 100.0\nramp = 0.5\n" + dynamics(PERIOD, 100) + entry([2], time)
     text += "[wind]\nspeed = 20.0\nturbulence_intensity = 0.0\nprofile_exponent = 0.0\n"
     text += "pressure_coefficient = 0.0\n"
-    told = [*superposed_excitation_notes(read_job(workshop.job(text, nodes, elements)), varies=False)]
-    assert len(told) == count and all(is_warning(line) and "[load] ramp = 0.5 s" in line for line in told)
+    notes = [*superposed_excitation_notes(read_job(workshop.job(text, nodes, elements)), varies=False)]
+    assert len(notes) == count and all(is_warning(line) and "[load] ramp = 0.5 s" in line for line in notes)
 
 
 @pytest.mark.parametrize(("steps", "loads"), [(0, "all loads act"), (1, "the wind acts")])
@@ -510,8 +510,8 @@ def test_a_removal_in_the_motion_after_a_sudden_wind_is_a_warning(workshop, step
     text = CABLE + f"steps = {steps}\n" + dynamics(PERIOD, 100) + entry([2], 0.1)
     text += '[wind]\nspeed = 20.0\nturbulence_intensity = 0.0\nprofile_exponent = 0.0\nonset = "sudden"\n'
     text += "pressure_coefficient = 0.0\n"
-    told = [*superposed_excitation_notes(read_job(workshop.job(text, nodes, elements)), varies=False)]
-    assert len(told) == 1 and is_warning(told[0]) and f'onset = "sudden" {loads} at once' in told[0], told
+    notes = [*superposed_excitation_notes(read_job(workshop.job(text, nodes, elements)), varies=False)]
+    assert len(notes) == 1 and is_warning(notes[0]) and f'onset = "sudden" {loads} at once' in notes[0], notes
 
 
 def test_the_parts_of_an_element_are_named_once():
@@ -535,8 +535,8 @@ def test_factors_need_a_net_without_fractures_until_the_next_removal(broke, fact
     removal = removals([0.1, 0.3], [2, 1], before, after, highest, factor)
     fractures = np.array([] if broke is None else [broke])
     events = {"time": fractures, "element": np.zeros(len(fractures), int)}
-    told = ["dynamic factors" in line for line in removal_lines(removal, events, np.array([7, 8, 9]))]
-    assert told == [k < factors for k in range(2)]
+    has_factors = ["dynamic factors" in line for line in removal_lines(removal, events, np.array([7, 8, 9]))]
+    assert has_factors == [k < factors for k in range(2)]
     f = {"removal": removal, "removal/time": removal["time"], "events": events, "net/elements": np.zeros(3)}
     assert np.isfinite(largest_after_removals(f)["dynamic_factor"]).sum() == bool(factors)
 
@@ -555,15 +555,15 @@ def test_parts_of_an_element_count_as_one_fracture():
     assert next(_fractures(f)) == "slack at the end: 1 cable element; broken: 1 element"
 
 
-@pytest.mark.parametrize("later, told", [(1.99, False), (1.5, True)])
-def test_a_removal_during_the_motion_after_another_is_named(later, told):
+@pytest.mark.parametrize("later, is_named", [(1.99, False), (1.5, True)])
+def test_a_removal_during_the_motion_after_another_is_named(later, is_named):
     """The factors of a second removal include the motion from the first one, but not in equilibrium."""
     before, after = [[later, np.nan, 1.0], [1.0] * 3], [[3.0, np.nan, np.nan], [2.0, np.nan, 1.0]]
     highest = [[4.0, np.nan, np.nan], [3.0, np.nan, 1.2]]
     factor = [[1.8, np.nan, np.nan], [2.0, np.nan, np.nan]]
     removal = removals([0.3, 0.1], [2, 1], before, after, highest, factor)
     second, first = removal_lines(removal, NO_EVENTS, np.array([7, 8, 9]))
-    assert ("the roof still moved from removal 2, with tensions up to 0.0005 kN off" in second) == told
+    assert ("the roof still moved from removal 2, with tensions up to 0.0005 kN off" in second) == is_named
     assert "still moved" not in first
 
 
@@ -572,11 +572,11 @@ def test_a_damaged_equilibrium_above_the_strength_has_tensions(workshop):
     text = CABLE.replace("density", f"fracture_strain = {0.9 * WEIGHT / EA}\ndensity")
     whole = dynamics(PERIOD, 400, more="fragments = false\n")
     job = workshop.job(text + whole + entry([0], 0.1), *weights(2))
-    told = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf").stdout
-    assert "the net without element 0: estimated error" in told
-    assert "warning: the net without element 0: element 1: strength exceeded" in told
+    output = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf").stdout
+    assert "the net without element 0: estimated error" in output
+    assert "warning: the net without element 0: element 1: strength exceeded" in output
     breaks = "the net is in equilibrium, but strengths are exceeded: element 1"
-    assert f"element 0; {breaks}; element 1 broke afterwards" in told
+    assert f"element 0; {breaks}; element 1 broke afterwards" in output
     with workshop.open() as f:
         g = f["removal"]
         assert g["tension_after"][0] == pytest.approx([0.0, WEIGHT, WEIGHT / 2, WEIGHT / 2], rel=1e-9)
@@ -608,8 +608,8 @@ def test_no_check_passes_if_the_net_without_a_member_has_no_equilibrium(workshop
         workshop.solve(text + entry(lost, 0.1), *weights(2)).close()
         report = workshop.report()
         assert {row["result"] for row in rows_of(report.folder / "checks.csv")} == {result}
-        told = "**FAILS: the net after removal 1 has no equilibrium.**" in report.page
-        assert told == (result == "no equilibrium")
+        is_failure = "**FAILS: the net after removal 1 has no equilibrium.**" in report.page
+        assert is_failure == (result == "no equilibrium")
 
 
 def test_a_mast_that_topples_to_its_equilibrium_is_a_warning(workshop):
@@ -621,8 +621,8 @@ def test_a_mast_that_topples_to_its_equilibrium_is_a_warning(workshop):
     )
     text = CABLE + "[dynamics]\nduration = 0.02\n" + entry([1], 0.01)
     job = workshop.job(text, nodes, elements)
-    said = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf").stdout
-    assert "without element 1: the net snaps through at 0 of the lost forces: node 2 jumps by 120" in said
+    output = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf").stdout
+    assert "without element 1: the net snaps through at 0 of the lost forces: node 2 jumps by 120" in output
 
 
 def test_the_ratio_of_tensions_precedes_a_factor_near_one():
@@ -639,11 +639,11 @@ def test_the_ratio_of_tensions_precedes_a_factor_near_one():
 
 
 @pytest.mark.parametrize(
-    "largest, change, told",
+    "largest, change, is_named",
     [(1000.0, 0.099, False), (1000.0, 0.101, True), (2400.0, 0.125, True), (2600.0, 0.125, False)],
 )
-def test_a_factor_is_named_if_the_equilibrium_changes_enough(largest, change, told):
-    """By a tenth of the element's larger tension and by 2 % of that of the net, in either direction."""
+def test_a_factor_is_named_if_the_equilibrium_changes_enough(largest, change, is_named):
+    """The limits are a tenth of the element's larger tension and 2 % of the net's, in either direction."""
     for larger, smaller in ((0, 1), (1, 0)):
         tensions = np.array([[largest, 400.0], [largest, 400.0 * (1.0 - change)]])
         removal = {
@@ -651,7 +651,7 @@ def test_a_factor_is_named_if_the_equilibrium_changes_enough(largest, change, to
             "tension_after": tensions[smaller : smaller + 1],
             "dynamic_factor": np.array([[np.nan, 2.5]]),
         }
-        assert np.isfinite(significant_dynamic_factors(removal, 0)[1]) == told
+        assert np.isfinite(significant_dynamic_factors(removal, 0)[1]) == is_named
 
 
 def report_describes_removals(workshop):

@@ -175,8 +175,8 @@ def test_a_pattern_gives_its_keys_to_all_groups_that_it_matches(write):
     ],
 )
 def test_a_wrong_pattern_is_one_line(write, text, line):
-    (told,) = error_lines(lambda: build_net(read_job(write(STEEL + text))))
-    assert line in told
+    (error,) = error_lines(lambda: build_net(read_job(write(STEEL + text))))
+    assert line in error
 
 
 # --- [combinations], [modes]
@@ -188,8 +188,8 @@ def test_combinations_may_be_in_one_table(write):
     text += '[[combination]]\nname = "A"\nfactors = {snow = 1.0}\n'
     text += '[combinations]\n"ULS 1" = {permanent = 1.35, snow = 1.5}\nSLS = {kind = "SLS", snow = 1.0}\n'
     job = read_job(write(STEEL + text))
-    found = [(each.name, each.kind, each.factors) for each in job.combinations]
-    assert found == [
+    combinations = [(each.name, each.kind, each.factors) for each in job.combinations]
+    assert combinations == [
         ("A", "ULS", {"snow": 1.0}),
         ("ULS 1", "ULS", {"permanent": 1.35, "snow": 1.5}),
         ("SLS", "SLS", {"snow": 1.0}),

@@ -76,8 +76,8 @@ def test_resistances_are_those_of_the_codes(tmp_path):
     assert service[:2].tolist() == pytest.approx([108e3, 684e3]) and asce[0] == pytest.approx(240e3 / 2.2)
     own = tmp_path / "own.toml"
     own.write_text(OWN_CHECK.format("groups = {b = 4.0}"))
-    (mine,) = read_codes(own)
-    assert mine.resistance(strengths, groups)[[0, 4]].tolist() == [120e3, 380e3]
+    (code,) = read_codes(own)
+    assert code.resistance(strengths, groups)[[0, 4]].tolist() == [120e3, 380e3]
     own.write_text(own.read_text().replace("2.0", "-2.0").replace('"divide"', '"by"'))
     with pytest.raises(InputError) as raised:
         read_codes(own)
@@ -90,11 +90,11 @@ def test_resistances_are_those_of_the_codes(tmp_path):
 def test_an_unknown_key_or_group_of_a_file_of_checks_is_refused(loaded):
     own, text = loaded / "own.toml", OWN_CHECK.format("groups = {uper = 4.0}")
     own.write_text(text)
-    told = refused("report", "result.vtkhdf", "--codes", "own.toml", "-o", "none", cwd=loaded)
+    error = refused("report", "result.vtkhdf", "--codes", "own.toml", "-o", "none", cwd=loaded)
     assert not (loaded / "none").exists()
     place = "own.toml: [[check]] 1: factor g:"
     wrong = 'groups: uper = 4: no such group of elements in the result; did you mean "upper"?'
-    assert f"{place} {wrong}" in told
+    assert f"{place} {wrong}" in error
     own.write_text("factr = 3\n" + text.replace("divide", "multiply").replace("groups =", "group ="))
     with pytest.raises(InputError) as raised:
         read_codes(own)
@@ -108,7 +108,7 @@ def test_an_unknown_key_or_group_of_a_file_of_checks_is_refused(loaded):
 
 
 def test_reactions_balance_the_load(loaded):
-    """As given 50 and 80 kN along the cables, by hand. Under the load the sum is the load."""
+    """By hand 50 and 80 kN act along the cables as given. Under the load the sum is the load."""
     rows = rows_of(report_of(loaded) / "reactions.csv")
     force = {(row["stage"], row["node"]): [float(row[f"force_{axis}"]) for axis in "xyz"] for row in rows}
     given = [force["as given", node] for node in ("1", "2", "3")]
@@ -119,7 +119,7 @@ def test_reactions_balance_the_load(loaded):
     at_load = np.array([force["statics, load factor 1", node] for node in ("1", "2", "3")])
     assert at_load.sum(0) == pytest.approx([0, 0, -200e3], abs=2e-4 * 2)  # 1e-9 of the load, on each axis
     with h5py.File(loaded / "result.vtkhdf") as f:
-        # digits told
+        # printed digits
         assert np.linalg.norm(at_load[0]) == pytest.approx(f["statics/tension"][-1, 0], rel=1e-11)
 
 
@@ -171,10 +171,10 @@ def test_lengths_at_a_temperature_and_a_measuring_load_are_those_by_hand(loaded)
 
 def test_a_measuring_load_above_the_strength_is_a_warning(loaded):
     """For the upper two cables of 240 kN; the third has no strength."""
-    said = []
+    lines = []
     for load in (None, 240e3, 240.1e3):
-        write_report(loaded / "result.vtkhdf", loaded / "measured", said.append, cutting=Cutting(0.0, load))
-    (line,) = (line for line in said if "--measuring-load" in line)
+        write_report(loaded / "result.vtkhdf", loaded / "measured", lines.append, cutting=Cutting(0.0, load))
+    (line,) = (line for line in lines if "--measuring-load" in line)
     assert "240.1 kN is above the strength of 2 cables (e11, e12), 240 kN for the first. Lengths" in line
 
 
@@ -188,7 +188,7 @@ def test_a_logarithmic_cable_is_measured_by_its_own_law(workshop):
 
 
 def test_the_cutting_list_of_the_olympia_net_is_that_of_its_published_form(workshop):
-    """By form finding to the digits of the table; by published positions and forces to their decimals."""
+    """Form finding agrees to the digits of the table; published positions and forces to their decimals."""
     tables = ROOT / "jobs" / "olympia"
     text = (ROOT / "jobs" / "olympia.toml").read_text().split("[dynamics]")[0]
     with workshop.solve(text.replace('"olympia/', f'"{tables}/')) as f:
@@ -382,27 +382,27 @@ def test_service_has_limits_and_each_kind_has_its_checks(workshop):
     workshop.solve(LIMITED, ROOFED, ELEMENTS.format(ROWS)).close()
     folder = report_of(workshop.folder)
     hand = {name: three_cables(200e3 * factor) for name, (factor, _) in KINDS_OF.items()}
-    found = {(row["check"], row["group"]): row for row in rows_of(folder / "checks.csv")}
+    checks = {(row["check"], row["group"]): row for row in rows_of(folder / "checks.csv")}
     for check, group, case, N, result in (
         ("en1993", "upper", "combination most", hand["most"][1], "FAILS"),
         ("en1993", "lower", "as given", 80e3, ""),
         ("en1993_service", "upper", "combination heavy", hand["heavy"][1], "passes"),
         ("en1993_service", "lower", "combination lift", hand["lift"][2], ""),
     ):
-        row = found[check, group]
+        row = checks[check, group]
         assert (row["case"], row["result"]) == (case, result)
         assert float(row["N_Ed"]) == pytest.approx(N, rel=1e-8)
     assert hand["heavy"][1] < 0.45 * 240e3 < hand["more"][1] < 160e3 < hand["most"][1]
     page = (folder / "summary.md").read_text().split("## Limits in service")[1].split("\n## ")[0]
-    told = re.findall(
+    matches = re.findall(
         r"^\| (\w+) \| displacement from permanent \| (.+) mm \| node 5 \| 2 mm \| \W*(\w+)", page, re.M
     )
     results = {"heavy": "FAILS", "light": "passes", "lift": "passes"}
-    assert told == [(name, f"{1e3 * abs(hand[name][0]):.4g}", result) for name, result in results.items()]
+    assert matches == [(name, f"{1e3 * abs(hand[name][0]):.4g}", result) for name, result in results.items()]
     reactions = rows_of(folder / "reactions.csv")
     for name, (factor, _) in KINDS_OF.items():
-        mine = [row for row in reactions if row["stage"] == f"combination {name}"]
-        sums = [sum(column(mine, f"foundation_{axis}")) for axis in "xyz"]
+        own_rows = [row for row in reactions if row["stage"] == f"combination {name}"]
+        sums = [sum(column(own_rows, f"foundation_{axis}")) for axis in "xyz"]
         total = 12 * 20e3 * factor  # 10 m2 at node 5, 2 m2 on a support
         assert sums == pytest.approx([0, 0, -total], rel=0, abs=1e-9 * abs(total))
 
@@ -597,11 +597,11 @@ def test_the_report_is_next_to_the_result_and_replaces_no_other_file(loaded):
     written, warning = done.stdout.splitlines()[: len(names)], done.stdout.splitlines()[len(names) :]
     assert written == [f"result-report/{name}" for name in names]
     assert warning[0].startswith("warning: checks: element 13") and warning[1].startswith("1 warning (W845;")
-    mine = "name,mass_per_length,axial_stiffness,breaking_load\nFLC40,8.9,1.77e8,1.52e6\n"
-    (loaded / "cables.csv").write_text(mine)
-    told = refused("report", "result.vtkhdf", "-o", ".", cwd=loaded)
-    assert "cables.csv: exists and is not a table of a report" in told
-    assert (loaded / "cables.csv").read_text() == mine and not (loaded / "summary.md").exists()
+    catalogue = "name,mass_per_length,axial_stiffness,breaking_load\nFLC40,8.9,1.77e8,1.52e6\n"
+    (loaded / "cables.csv").write_text(catalogue)
+    error = refused("report", "result.vtkhdf", "-o", ".", cwd=loaded)
+    assert "cables.csv: exists and is not a table of a report" in error
+    assert (loaded / "cables.csv").read_text() == catalogue and not (loaded / "summary.md").exists()
 
 
 def test_the_page_describes_each_table(loaded, snowed):
@@ -613,7 +613,7 @@ def test_the_page_describes_each_table(loaded, snowed):
 
 
 @pytest.mark.parametrize(
-    "option, value, told",
+    "option, value, message",
     [
         ("--measuring-load", "nan", "nan: expected a tension >= 0 in N"),
         ("--measuring-load", "-5000", "-5000: expected a tension >= 0 in N"),
@@ -621,8 +621,8 @@ def test_the_page_describes_each_table(loaded, snowed):
         ("--deductions", "none.csv", "--deductions none.csv: no such file; give the path"),
     ],
 )
-def test_the_measuring_load_is_a_number_or_a_table(loaded, option, value, told):
-    assert told in refused("report", "result.vtkhdf", option, value, cwd=loaded)
+def test_the_measuring_load_is_a_number_or_a_table(loaded, option, value, message):
+    assert message in refused("report", "result.vtkhdf", option, value, cwd=loaded)
 
 
 def test_a_negative_change_of_temperature_is_a_number(loaded):
@@ -645,11 +645,11 @@ def test_a_cable_of_several_sections_names_them_all(tmp_path):
     with standing_runs_of_python():
         netfall.run({"net": net, "cable": cable}, output=tmp_path / "r.vtkhdf").close()
     with netfall.open(tmp_path / "r.vtkhdf") as result:
-        found = cutting_columns(result.file, Cutting())
-    assert found["type"].tolist() == ["thin + thick"] and found["group"].tolist() == ["low + high"]
+        columns = cutting_columns(result.file, Cutting())
+    assert columns["type"].tolist() == ["thin + thick"] and columns["group"].tolist() == ["low + high"]
     lengths = 4.0 / (1 + 1e5 / 4e7), 6.0 / (1 + 1e5 / 8e7)
-    assert found["unstressed_length"] == pytest.approx(sum(lengths), rel=1e-12)
-    assert found["mass"] == pytest.approx(3.0 * lengths[0] + 5.0 * lengths[1], rel=1e-12)
+    assert columns["unstressed_length"] == pytest.approx(sum(lengths), rel=1e-12)
+    assert columns["mass"] == pytest.approx(3.0 * lengths[0] + 5.0 * lengths[1], rel=1e-12)
 
 
 def test_no_check_passes_with_an_unstable_equilibrium(workshop):
@@ -663,10 +663,10 @@ def test_no_check_passes_with_an_unstable_equilibrium(workshop):
         workshop.solve(job, nodes.format(load), ELEMENTS.format(rows)).close()
         folder = report_of(workshop.folder)
         results = {row["result"] for row in rows_of(folder / "checks.csv") if row["utilisation"]}
-        for told in (rows_of(folder / "elements.csv"), rows_of(folder / "cables.csv")):
-            checks = [name.removeprefix("result_") for name in told[0] if name.startswith("result_")]
+        for table in (rows_of(folder / "elements.csv"), rows_of(folder / "cables.csv")):
+            checks = [name.removeprefix("result_") for name in table[0] if name.startswith("result_")]
             results |= {
-                row[f"result_{each}"] for each in checks for row in told if row[f"utilisation_{each}"]
+                row[f"result_{each}"] for each in checks for row in table if row[f"utilisation_{each}"]
             }
         page = (folder / "summary.md").read_text()
         assert results == {result} and (f"**FAILS: {what} is not stable.**" in page) == (load == "-50e3")
@@ -677,32 +677,32 @@ def test_no_check_passes_with_an_unstable_equilibrium(workshop):
 def test_notes_of_a_run_are_in_its_result_and_report(workshop):
     """80 kN from above and 60 kN from below: 20 kN are unbalanced as given; none with 80 kN."""
     off = "net as given: not in equilibrium with its prestress: largest residual 20 kN, largest "
-    for lower, told in (("60e3", True), ("80e3", False)):
+    for lower, is_noted in (("60e3", True), ("80e3", False)):
         rows = ELEMENTS.format(ROWS.replace("80e3", lower))
         workshop.solve(STATICS, NODES, rows).close()
-        said = run_on_standing_ranks("info", workshop.folder / "result.vtkhdf").stdout
+        output = run_on_standing_ranks("info", workshop.folder / "result.vtkhdf").stdout
         page = (report_of(workshop.folder) / "summary.md").read_text()
-        assert (f"warning: {off}" in said, f"- **warning: {off}" in page) == (told, told)
+        assert (f"warning: {off}" in output, f"- **warning: {off}" in page) == (is_noted, is_noted)
 
 
 def test_the_picture_names_checks_that_it_does_not_show(workshop, monkeypatch):
     """50 kN of 100 kN: 0.75 of the resistance of EN 1993-1-11 for ultimate loads, 1.11 in service. Without
     ultimate loads no check counts.
     """
-    told = []
+    titles = []
     draw = utilisation._draw
     shown = []
-    kept = lambda *given: (shown.append(given[1].tolist()), told.append(given[3:5])) and draw(*given)
-    monkeypatch.setattr(utilisation, "_draw", kept)
+    draw_noted = lambda *given: (shown.append(given[1].tolist()), titles.append(given[3:5])) and draw(*given)
+    monkeypatch.setattr(utilisation, "_draw", draw_noted)
     nodes = "id,x,y,z,fixed,load_z\n1,0,0,9,1,0\n2,0,0,0,0,-50e3\n"
     cable = "[cable]\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\nbreaking_load = 100e3\n"
     for loads in ("steps = 1\n", 'steps = 0\n[combinations]\nservice = {kind = "SLS", load = 1.0}\n'):
         job = f"{cable}[load]\nself_weight = false\n{loads}"
         workshop.solve(job, nodes, "id,start,end\n7,1,2\n").close()
         write_report(workshop.folder / "result.vtkhdf", workshop.folder / "report")
-    assert "en1993 (besides, 1 fail en1993_service, 1 fail asce19);" in told[0][1]
+    assert "en1993 (besides, 1 fail en1993_service, 1 fail asce19);" in titles[0][1]
     assert shown[0] == pytest.approx([50.0 / 45.0])  # in the colour of what fails
-    assert [title for title, _ in told] == [
+    assert [title for title, _ in titles] == [
         "how far elements are used",
         "how far elements are used (NOT VERIFIED: not checked)",
     ]
@@ -807,12 +807,12 @@ def test_elements_that_yield_under_permanent_loads_fail(workshop):
     text += "set = {{'load.pressure' = [0.0, 0.0, 600.0]}}\n"
     for dead, result in ((3.2e3, "FAILS"), (2.2e3, "passes")):
         done = workshop.solve(text.format(dead), nodes, "id,start,end\n1,1,3\n2,3,2\n", code=None)
-        told = "warning: permanent loads: 2 elements (1, 2): at the yield force." in done.stdout
+        is_named = "warning: permanent loads: 2 elements (1, 2): at the yield force." in done.stdout
         report = workshop.report()
         (row,) = (row for row in rows_of(report.folder / "checks.csv") if row["check"] == "en1993")
         assert (row["result"], float(row["utilisation"]) < 1.0) == (result, result == "passes")
         is_listed = "| permanent loads | at the yield force | 2 elements (1, 2) |" in report.page
-        assert told == is_listed == (result == "FAILS")
+        assert is_named == is_listed == (result == "FAILS")
 
 
 @pytest.mark.parametrize(("count", "failing"), [(10, 10), (MOST_MARKED, MOST_MARKED + 5)])
@@ -876,8 +876,8 @@ def test_a_check_without_a_state_of_its_kind_does_not_pass(workshop):
             (True, "passes"),
             (False, "not checked"),
         }
-        told = "**NOT CHECKED: there is neither a case nor a combination of this kind, so only as given and "
-        assert told + "permanent loads count.**" in report.page and "No combination is" not in report.page
+        fact = "**NOT CHECKED: there is neither a case nor a combination of this kind, so only as given and "
+        assert fact + "permanent loads count.**" in report.page and "No combination is" not in report.page
 
 
 def test_limits_without_a_combination_of_service_are_not_checked(workshop):

@@ -52,11 +52,11 @@ def test_restart_on_other_ranks_gives_the_same_bits(workshop, calm_slow, ranks, 
     first = workshop.run(job, ranks=ranks)
     assert len(first["events/step"]) > 3
     assert_same_results(calm_slow, first)
-    kept = sorted(workshop.folder.glob("*checkpoint*"))
+    checkpoints = sorted(workshop.folder.glob("*checkpoint*"))
     # steps of 1e-4 s: the last two of 0.1, 0.2, 0.3 s
-    assert [int(p.stem.split("-")[-1]) for p in kept] == [2000, 3000]
+    assert [int(p.stem.split("-")[-1]) for p in checkpoints] == [2000, 3000]
     first.close()
-    for checkpoint, again in zip(kept, (later, 1)):
+    for checkpoint, again in zip(checkpoints, (later, 1)):
         assert_same_results(calm_slow, workshop.run(job, "--restart", checkpoint, ranks=again))
     assert not list(workshop.folder.glob(".*"))
 
@@ -84,7 +84,7 @@ def test_signal_ends_the_run_with_a_checkpoint(workshop, calm, ranks, number):
     job = workshop.job(CALM)
     process = start_run(job, workshop.folder / "result.vtkhdf", ranks)
     if ranks == 1 or number == signal.SIGUSR1:
-        process.send_signal(number)  # mpirun hands SIGUSR1 on to the ranks
+        process.send_signal(number)  # mpirun forwards SIGUSR1 to the ranks
     else:
         subprocess.run(["pkill", f"-{int(number)}", "-f", f"python.*netfall run {job}"], check=True)
     _, error = process.communicate(timeout=60)
@@ -188,8 +188,8 @@ def test_checkpoint_of_other_tables_is_refused(workshop):
 def test_missing_checkpoint_is_refused(checkpoints):
     job, _, new = checkpoints
     absent = new.with_name("kept.checkpoint-5-000000000001.h5")
-    told = refused("run", job, "--restart", absent, "-o", job.parent / "kept.vtkhdf")
-    assert "no such checkpoint" in told and str(new) in told
+    error = refused("run", job, "--restart", absent, "-o", job.parent / "kept.vtkhdf")
+    assert "no such checkpoint" in error and str(new) in error
 
 
 def test_missing_parts_of_the_result_are_named(checkpoints, tmp_path):
@@ -248,8 +248,8 @@ def whole(shared_workshop):
 def test_a_pause_in_form_finding_or_statics_changes_no_bit(workshop, whole, after, stage):
     """The run stops after some checks of the residual and resumes on two ranks."""
     job = workshop.job(PAUSED)
-    checkpoint, said = workshop.pause(job, after)
-    assert f"in {stage}" in said and str(checkpoint) in said
+    checkpoint, message = workshop.pause(job, after)
+    assert f"in {stage}" in message and str(checkpoint) in message
     assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))
     assert {p.name for p in workshop.folder.iterdir() if p.name.startswith(".")} == set()
 
@@ -259,8 +259,8 @@ def test_a_pause_in_a_form_that_carries_its_load_changes_no_bit(workshop, after)
     """Form and load are found in turn. The run stops in the first form and in later ones."""
     text = PAUSED.replace("modulus_factor = 0", 'modulus_factor = 0.001\nloads = "permanent"')
     job = workshop.job(text.split("[wind]")[0])
-    checkpoint, said = workshop.pause(job, after)
-    assert "in form finding" in said
+    checkpoint, message = workshop.pause(job, after)
+    assert "in form finding" in message
     whole = workshop.run(job, output="whole.vtkhdf")
     assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))
 

@@ -48,13 +48,13 @@ def test_warnings_of_a_net_precede_the_failure_of_its_form(workshop):
     beside, elements = CROSS + "6,0,-1.9991,1,0\n", "start,end\n1,5\n2,5\n6,5\n4,5\n"
     nodes = beside.replace("3,0,-2,1,1\n", "") + "3,0,-2,1,1\n7,0,-3,1,1\n"
     job = workshop.job(text, nodes, elements + "3,7\n")
-    near = "warning: node 6: free, with one element only (node 3 is 0.9 mm away). Form finding pulls "
+    warning = "warning: node 6: free, with one element only (node 3 is 0.9 mm away). Form finding pulls "
     unjoined = "warning: nodes lie close to each other and are not joined (6 and 3, 0.9 mm apart). If "
     for command in ("check", "run"):
         done = run_on_standing_ranks(command, job, code=2)
         lines = [line for line in (done.stdout + done.stderr).splitlines() if "[W2" in line]
         assert len(lines) == 2 and lines[0].startswith(unjoined)
-        assert lines[1].startswith(near) and lines[1].endswith("[W238]")
+        assert lines[1].startswith(warning) and lines[1].endswith("[W238]")
         assert "[E446]" in done.stderr.splitlines()[-1]
     job = workshop.job(text, nodes.replace("-1.9991", "-1.5"), elements + "3,7\n")
     assert "node 6: free, with one element only. Form" in run_on_standing_ranks("check", job, code=2).stdout
@@ -77,9 +77,9 @@ def test_warnings_of_a_net_precede_its_errors(workshop):
     nodes = CROSS + "6,0,1.9995,1,0\n7,0,3,1,0\n"
     elements = "start,end\n1,5\n2,5\n3,5\n4,5\n6,7\n"
     job = workshop.job(SECTION + "prestress = 1e4\n[form_finding]\n", nodes, elements)
-    said = run_on_standing_ranks("check", job, code=2).stderr.splitlines()
-    assert said[0].startswith("warning: nodes lie close to each other") and "4 and 6, 0.5 mm" in said[0]
-    assert said[-1].startswith("error: ") and "has no support" in said[-1]
+    lines = run_on_standing_ranks("check", job, code=2).stderr.splitlines()
+    assert lines[0].startswith("warning: nodes lie close to each other") and "4 and 6, 0.5 mm" in lines[0]
+    assert lines[-1].startswith("error: ") and "has no support" in lines[-1]
     of_json = run_on_standing_ranks("check", job, "--json", code=2).stdout
     assert '"warnings"' in of_json and of_json.count("[W211]") == 1
 
@@ -90,8 +90,8 @@ def test_the_motion_of_the_form_is_named_before_exceeded_strengths(workshop):
     elements = "start,end,group,prestress\n1,3,cable,1e4\n4,3,cable,1e4\n2,3,mast,-1.9e4\n"
     text = SECTION + 'breaking_load = 2e4\n[group.mast]\nkind = "bar"\n'
     text += '[form_finding]\nmethod = "force_density"\n'
-    said = run_on_standing_ranks("check", workshop.job(text, nodes, elements), code=2).stderr.splitlines()
-    assert [line[-6:] for line in said] == ["[W719]", "[W740]", "[E444]"]
+    lines = run_on_standing_ranks("check", workshop.job(text, nodes, elements), code=2).stderr.splitlines()
+    assert [line[-6:] for line in lines] == ["[W719]", "[W740]", "[E444]"]
 
 
 def test_a_form_a_thousand_times_smaller_than_its_start_is_found(workshop):
@@ -134,12 +134,12 @@ def test_a_backstay_does_not_loosen_the_tolerance_of_form_finding(both_ways):
 def notes_of(workshop, job, *settings) -> list[str]:
     """Return the warnings and notes of `netfall check`, those of `netfall run` too, except on modes."""
     arguments = [word for setting in settings for word in ("--set", setting)]
-    told = [
+    processes = [
         run_on_standing_ranks(*verb, job, *arguments)
         for verb in (["check"], ["run", "-o", workshop.folder / "r.h5"])
     ]
     marks = ("note:", "warning:")
-    lines = ([line for line in done.stdout.splitlines() if line.startswith(marks)] for done in told)
+    lines = ([line for line in done.stdout.splitlines() if line.startswith(marks)] for done in processes)
     check, run = ([line for line in each if not line.startswith("warning: modes:")] for each in lines)
     assert set(check) <= set(run)
     return check
@@ -228,28 +228,28 @@ def test_values_in_other_units_are_named(workshop, change, says):
 
 
 @pytest.mark.parametrize(
-    "stiffness, mass, said", [(6.4e7, 3.14, False), (6.4e4, 3.14, True), (6.4e7, 3140.0, True)]
+    "stiffness, mass, expected", [(6.4e7, 3.14, False), (6.4e4, 3.14, True), (6.4e7, 3140.0, True)]
 )
-def test_stiffness_and_mass_in_other_units_are_named(workshop, stiffness, mass, said):
+def test_stiffness_and_mass_in_other_units_are_named(workshop, stiffness, mass, expected):
     """A job in kN or in g/m is recognised by the speed of waves. Without an area it has no modulus."""
     text = (
         f"[cable]\naxial_stiffness = {stiffness}\nmass_per_length = {mass}\nprestress = {1e-3 * stiffness}\n"
     )
     notes = make_layout(read_job(workshop.job(text, LINE, "start,end\n1,2\n2,3\n")), 1).notes
-    assert any("axial waves run along them at 142.8 m/s" in note for note in notes) == said
+    assert any("axial waves run along them at 142.8 m/s" in note for note in notes) == expected
 
 
 @pytest.mark.parametrize(
-    "duration, said",
+    "duration, expected",
     [(1.0, "[wind] ramp: lasts until t = 2 s"), (10.0, ""), (600.0, "gusts slower than 71.3 s have")],
 )
-def test_gusts_of_short_and_of_long_runs_are_named(workshop, duration, said):
+def test_gusts_of_short_and_of_long_runs_are_named(workshop, duration, expected):
     """Short gusts never reach their full size. Gusts of minutes have less in Davenport's spectrum."""
     text = WINDY.replace("onset = 'sudden'\n", "").replace("speed = 20", "speed = 46")
     text = text.replace("surface_drag = 0.03", "turbulence_intensity = 0.2")
     changes = ["--set", f"dynamics.duration={duration}", "--set", "output.history_interval=0.1"]
-    told = run_on_standing_ranks("check", workshop.job(text), *changes).stdout
-    assert ("[wind] ramp" in told or "slower than" in told) == bool(said) and said in told
+    output = run_on_standing_ranks("check", workshop.job(text), *changes).stdout
+    assert ("[wind] ramp" in output or "slower than" in output) == bool(expected) and expected in output
 
 
 @pytest.mark.parametrize(
@@ -260,8 +260,8 @@ def test_a_gust_length_for_another_height_is_a_warning(workshop, spectrum, heigh
     """5.67 z up to 60 m (IEC 61400-1), 300 m (z / 200 m)^0.52 (EN 1991-1-4); none if the length is given."""
     changes = ["--set", f"wind.spectrum={spectrum}", "--set", f"wind.base_height={height}"]
     job = workshop.job(WINDY)
-    told = run_on_standing_ranks("check", job, *changes).stdout
-    assert ("where its formula gives" in told) == bool(length) and length in told
+    output = run_on_standing_ranks("check", job, *changes).stdout
+    assert ("where its formula gives" in output) == bool(length) and length in output
     given = run_on_standing_ranks("check", job, *changes, "--set", "wind.gust_length=200").stdout
     assert "where its formula gives" not in given
 
@@ -288,7 +288,7 @@ AT_POINTS = '[[case]]\nname = "tunnel"\npressure_table = "wind.csv"\n'
 
 
 @pytest.mark.parametrize(
-    "section, table, said",
+    "section, table, expected",
     [
         (IN_TIME, "time,speed\n0,30\n0.5,90\n2,30\n", ""),
         (IN_TIME, "time,speed\n0,30\n0.5,110\n2,30\n", "wind.csv: speed of up to 110 m/s: implausible"),
@@ -303,22 +303,22 @@ AT_POINTS = '[[case]]\nname = "tunnel"\npressure_table = "wind.csv"\n'
         (AT_POINTS, "x,y,pressure\n0,0,0.8\n", "[[case]] tunnel: pressure_table: pressure of up to 0.8 N/m2"),
     ],
 )
-def test_tables_in_other_units_are_named(workshop, section, table, said):
+def test_tables_in_other_units_are_named(workshop, section, table, expected):
     """km/h, ms, kN/m2, a pressure for a coefficient. Values of a possible storm give no message."""
     job = workshop.job(WINDY[: WINDY.index("[wind]")] + section)
     (workshop.folder / "wind.csv").write_text(table)
     (workshop.folder / "taps.csv").write_text("name,x,y\na,0,0\n")
     notes = make_layout(read_job(job, ["dynamics.duration=1"]), 1).notes
     notes = [note for note in notes if "implausible" in note or "no row" in note]
-    assert [note.startswith(f"warning: {said}") for note in notes] == [True] * bool(said), notes
+    assert [note.startswith(f"warning: {expected}") for note in notes] == [True] * bool(expected), notes
 
 
-@pytest.mark.parametrize("load, mass, said", [(-5.0, 510, True), (-5e3, 0.51, True), (-5e3, 510, False)])
-def test_loads_and_masses_of_nodes_in_other_units_are_named(workshop, load, mass, said):
+@pytest.mark.parametrize("load, mass, is_noted", [(-5.0, 510, True), (-5e3, 0.51, True), (-5e3, 510, False)])
+def test_loads_and_masses_of_nodes_in_other_units_are_named(workshop, load, mass, is_noted):
     nodes = f"id,x,y,z,fixed,load_z,mass\n1,0,0,0,1,,\n2,2,0,0,0,{load},{mass}\n3,4,0,0,1,,\n"
     text = SECTION + "prestress = 1e5\n[dynamics]\nduration = 1.0\n"
     notes = make_layout(read_job(workshop.job(text, nodes, "start,end\n1,2\n2,3\n")), 1).notes
-    assert any("loads may be in kN, masses in t" in note for note in notes) == said
+    assert any("loads may be in kN, masses in t" in note for note in notes) == is_noted
 
 
 def test_an_unstressed_length_in_millimetres_is_named(workshop):
@@ -425,8 +425,8 @@ def swing(workshop, phase: float):
     return workshop.solve(text, SPRING.format(mass), elements)
 
 
-@pytest.mark.parametrize("phase, told", [(0.5, "0.067"), (0.06, None)])
-def test_the_balance_error_of_a_start_out_of_equilibrium_by_hand(workshop, phase, told):
+@pytest.mark.parametrize("phase, expected", [(0.5, "0.067"), (0.06, None)])
+def test_the_balance_error_of_a_start_out_of_equilibrium_by_hand(workshop, phase, expected):
     """Central difference: the energy is k a^2 (1 - q sin^2), of which k a^2 (1 - q) sin^2 moves,
     with q = (omega dt)^2 / 4.
 
@@ -443,9 +443,9 @@ def test_the_balance_error_of_a_start_out_of_equilibrium_by_hand(workshop, phase
     assert np.abs(h["work_identity_error"][:]).max() < 1e-12
     assert h["energy_balance_error"].attrs["unit"] == "1"
     info = run_on_standing_ranks("info", f.filename).stdout
-    assert ("is off by up to" in info) == bool(told) and (told or "balance to") in info
+    assert ("is off by up to" in info) == bool(expected) and (expected or "balance to") in info
     again = "run", workshop.folder / "job.toml", "-o", workshop.folder / "again.vtkhdf"
-    assert ("is off by up to" in run_on_standing_ranks(*again).stdout) == bool(told)
+    assert ("is off by up to" in run_on_standing_ranks(*again).stdout) == bool(expected)
 
 
 def test_the_balance_error_of_a_net_in_equilibrium_ignores_rounding(workshop):
@@ -491,7 +491,7 @@ def test_elements_that_cannot_break_do_not_shorten_the_step(workshop):
 def test_a_rim_between_supports_stays_when_subdivided(workshop):
     """4 m x 4 m with a cross of cables under 100 kN, 100 N/m2: the middle sags by 2 mm, the rim not at all.
 
-    In halves of the segments, by nearest corner, the middle carries 4 x 1/4 m2, the four nodes beside it
+    In halves of the segments, by nearest corner, the middle carries 4 x 1/4 m2, each of its four neighbours
     2 x 3/4 m2: w_i = 1.75 p / T, w_c = 2 p / T, less 2e-4 of it for the stretch.
     """
     xy = [(x, y) for y in (0, 2, 4) for x in (0, 2, 4)]
@@ -540,7 +540,7 @@ def test_a_probe_over_two_layers_names_its_node(workshop):
     assert "[1, 0]: nodes 2, 5 lie above one another there. Its histories are those of node 2" in note
 
 
-# --- what no cable bears, what the wind's profile does not reach, names that are nearly the same
+# --- excessive strains, nodes outside the wind's profile, names that are nearly the same
 
 
 @pytest.mark.parametrize("ranks", [1, 2])
@@ -552,8 +552,8 @@ def test_strains_too_large_for_cables_are_a_warning_in_motion(workshop, ranks):
     line = ["run", job, "-o", workshop.folder / "r.vtkhdf"]
     (note,) = lines_with("strain of", *line, ranks=ranks)
     # omega = sqrt(1e4 / 10 / 103.9) = 3.1 1/s: within 0.025 s of the lowest point, 1 - cos(0.08) = 0.3 %
-    found = float(note.split("strain of ")[1].split()[0])
-    assert note.startswith("warning: element 7 (nodes 1-2, 10 m)") and abs(found / 0.88 - 1) < 4e-3
+    strain = float(note.split("strain of ")[1].split()[0])
+    assert note.startswith("warning: element 7 (nodes 1-2, 10 m)") and abs(strain / 0.88 - 1) < 4e-3
     assert "no fracture_strain" in note
     still = run_on_standing_ranks(*line, "--set", "cable.modulus=1e11").stdout
     assert "strain of" not in still

@@ -221,7 +221,7 @@ def test_a_bar_has_no_tension_check_in_states_that_only_compress_it(workshop):
 
 
 def test_a_single_bar_of_a_group_that_bends_is_checked_for_buckling(workshop):
-    """Bar 3 of 8 m carries 1.2 N_cr; the chain of bars 1 and 2 beside it, of the same group, 0.1 N_cr."""
+    """Bar 3 of 8 m carries 1.2 N_cr; the chain of bars 1 and 2, of the same group, 0.1 N_cr."""
     N_cr = np.pi**2 * 2.1e11 * 36.0e-6 / 64.0
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,0,1,1,1,0\n2,0,0,4,0,0,0,0\n"
     nodes += f"3,0,0,8,1,1,0,{-0.1 * N_cr!r}\n4,5,0,0,1,1,1,0\n5,5,0,8,1,1,0,{-1.2 * N_cr!r}\n"

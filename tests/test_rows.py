@@ -22,13 +22,13 @@ def test_sums_in_blocks_are_exact_beyond_what_three_pieces_hold(lowest):
     rng = np.random.default_rng(3)
     values = rng.standard_normal(2 * SUM_BLOCK + 7) * 2.0 ** rng.integers(lowest + 60, 0, 2 * SUM_BLOCK + 7)
     values[[5, SUM_BLOCK, -1]] = 1.5, -(2.0**lowest), 2.0**lowest + 2.0 ** (lowest + 40)
-    there = (rng.random(len(values)) < 0.5).astype(np.uint8)
-    there[[5, SUM_BLOCK, -1]] = 1
+    is_counted = (rng.random(len(values)) < 0.5).astype(np.uint8)
+    is_counted[[5, SUM_BLOCK, -1]] = 1
     limbs = np.zeros((2, LIMBS), np.int64)
     add_exactly(values, ALL, limbs[0])
-    add_exactly(values, there, limbs[1])
+    add_exactly(values, is_counted, limbs[1])
     assert round_limbs(limbs)[0] == math.fsum(values)
-    assert round_limbs(limbs)[1] == math.fsum(values[there == 1])
+    assert round_limbs(limbs)[1] == math.fsum(values[is_counted == 1])
 
 
 def test_a_stop_between_two_rows_of_a_table_changes_no_bit(workshop, monkeypatch):
@@ -50,8 +50,8 @@ def test_a_stop_between_two_rows_of_a_table_changes_no_bit(workshop, monkeypatch
     monkeypatch.setattr(rows, "MOST_ROWS", 32)
     monkeypatch.setattr(dynamics, "CHECK_STEPS", 233)
     monkeypatch.setattr(dynamics.Simulation, "report", ask)
-    checkpoint, said = workshop.pause(job, stop)
-    assert "(step 2097)" in said
+    checkpoint, message = workshop.pause(job, stop)
+    assert "(step 2097)" in message
     assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))
 
 
@@ -98,10 +98,10 @@ def test_divergence_is_reported_for_the_first_row_of_a_table(workshop, monkeypat
     """The error is the same as if each row were collected at once, although later rows exist."""
     text, *tables = DIVERGES
     job = workshop.job(text + "[output]\nframes = 1\nhistory_interval = 1e-4\n", *tables)
-    told = []
+    errors = []
     for room in (128, 1):
         monkeypatch.setattr(rows, "MOST_ROWS", room)
         with pytest.raises(DivergedError) as raised:
             workshop.run_here(job)
-        told.append(str(raised.value))
-    assert told[0] == told[1] and "diverged at t = 0.0" in told[0]
+        errors.append(str(raised.value))
+    assert errors[0] == errors[1] and "diverged at t = 0.0" in errors[0]

@@ -52,7 +52,7 @@ def used():
 
 @pytest.mark.parametrize("key", [key for key in KEYS if key not in NOT_SHOWN])
 def test_each_key_is_in_a_shipped_job(key, used):
-    """Else it goes, or gets the job or study that shows why it is there."""
+    """A key without a shipped job or study has no visible use."""
     assert key in used
 
 
@@ -71,14 +71,14 @@ CARRYING, BRACING = (4.0, 300e3), (-3.0, 400e3)  # sag [m], horizontal force at 
 
 
 def horizontal_force(sag, prestress, EA, w, give):
-    """Of a cable whose middle sinks by w [m], 20 K colder than at prestress; give : [m/N] of its supports."""
+    """Return H of a cable that sags by w [m], 20 K colder than at prestress; give : [m/N] of its supports."""
     stretch = 16 / 3 * (1 - 1 / SIDES**2) * (sag * w + w**2 / 2) / SPAN
     colder = 12e-6 * 20.0 * SPAN * (1 + 16 / 3 * (sag / SPAN) ** 2)
     return prestress + (stretch + colder) / (SPAN * (1 + 8 * (sag / SPAN) ** 2) / EA + give)
 
 
 def truss(q, EA):
-    """What its middle sinks by [m] under q [N/m], forces of its cables [N]; EA : of the carrying one [N]."""
+    """Return sag [m] under q [N/m] and forces [N] of its cables; EA : of the carrying one [N]."""
     forces = lambda w: np.array(
         [horizontal_force(*CARRYING, EA, w, 2 / HEAD), horizontal_force(*BRACING, 107e6, w, 0.0)]
     )

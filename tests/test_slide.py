@@ -177,8 +177,8 @@ def test_friction_that_does_not_converge_states_its_change(workshop, monkeypatch
     text = rope() + "[load]\nself_weight = false\nsteps = 1\n"
     text += '[[slide]]\ngroup = "rope"\nfriction = 0.5\n'
     job = workshop.job(text, nodes, "start,end,group,prestress\n1,3,rope,2e4\n3,2,rope,2e4\n")
-    told = r"the slip resistances still change by [\d.]+ kN after 1 rounds, allowed [\d.e-]+ kN"
-    with pytest.raises(UndecidedError, match=told):
+    pattern = r"the slip resistances still change by [\d.]+ kN after 1 rounds, allowed [\d.e-]+ kN"
+    with pytest.raises(UndecidedError, match=pattern):
         workshop.run_here(job)
 
 
@@ -232,14 +232,14 @@ def test_a_form_with_unequal_tensions_at_a_pulley_is_a_warning(workshop):
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,5,0,0,0\n3,10,0,0,1\n4,5,5,1,1\n5,5,-5,1,1\n"
     pairs = "start,end,group,prestress\n1,2,rope,4e4\n2,3,rope,{}\n2,4,side,2e4\n2,5,side,2e4\n"
     job = rope() + '[form_finding]\n{}[[slide]]\ngroup = "rope"\n{}'
-    told = []
+    warnings = []
     for more, slide, force in ("", "", 6e4), ("modulus_factor = 0\n", "", 4e4), ("", "friction = 9\n", 6e4):
         job_file = workshop.job(job.format(more, slide), nodes, pairs.format(force))
         lines = run_on_standing_ranks("check", job_file).stdout.splitlines()
-        told.append([line for line in lines if "[[slide]]: in the form the tensions" in line])
-    assert "of 1 of 1 slip points differ by more than their slip resistance; at node 2: 4" in told[0][
+        warnings.append([line for line in lines if "[[slide]]: in the form the tensions" in line])
+    assert "of 1 of 1 slip points differ by more than their slip resistance; at node 2: 4" in warnings[0][
         0
-    ] and told[1:] == [[], []]
+    ] and warnings[1:] == [[], []]
 
 
 def test_each_case_begins_with_the_slips_of_the_permanent_state(workshop, monkeypatch):
@@ -390,7 +390,7 @@ def test_slip_does_not_stop_at_the_first_part_of_a_cable(workshop, parts):
 
 @pytest.mark.parametrize("nodes, cables", [("nodes = [2]\n", ["e5"] * 3 + ["e9"]), ("", ["e5"] * 4)])
 def test_a_sliding_cable_continues_over_its_saddles(workshop, nodes, cables):
-    """By 90 degrees at held node 2 and free node 3. It ends at held node 4 if nothing slips there."""
+    """It turns by 90 degrees at held node 2 and free node 3, and ends at node 4 if nothing slips there."""
     at = "id,x,y,z,fixed\n1,0,0,0,1\n2,9,0,0,1\n3,9,0,-6,0\n4,15,0,-6,1\n5,20,0,-6,1\n"
     rows = [(7, 2, 1, "rope", 9), (5, 2, 3, "rope", 6), (6, 3, 4, "rope", 6), (9, 4, 5, "rope", 5)]
     text = f'subdivide = 3\n{rope()}[[slide]]\ngroup = "rope"\n{nodes}'
@@ -433,5 +433,5 @@ def test_slip_in_different_spans_is_that_of_catenaries(workshop, parts):
     assert f["statics/slip"][-1, 0] == pytest.approx(slip, rel=2e-4 * (8 / parts) ** 2)
     N = f["statics/tension"][-1]
     for (span, S), link in zip(lengths(slip).items(), N[count - 1 : count + 1]):
-        middle = w * S / 2 * (1.0 - 0.5 / parts)  # what the element beside the pulley bears at its middle
+        middle = w * S / 2 * (1.0 - 0.5 / parts)  # force at the middle of the element next to the pulley
         assert link == pytest.approx(np.hypot(force(span, S), middle), rel=1.5e-3 * (8 / parts) ** 2)

@@ -72,7 +72,7 @@ def test_a_rope_that_runs_out_stops(both_ways):
     peak = W + np.sqrt((W - T["heavy"]) ** 2 + k * HEAVY * (a * at) ** 2)
     assert f["envelope/tension_max"][1] == pytest.approx(peak, rel=1e-2)
     assert (audits(f) < (AUDIT, 1e-3)).all()
-    assert 0.0 < f["history/slip_dissipation"][-1] < 20.0  # J, what the inertia of the slip had
+    assert 0.0 < f["history/slip_dissipation"][-1] < 20.0  # J, of the inertia of the slip
 
 
 def test_a_rope_that_has_run_out_reaches_equilibrium(both_ways):

@@ -42,9 +42,9 @@ def slurm():
 def site(tmp_path, slurm):
     """A folder to submit from: scripts as shipped, the stadium for 12 s, a small study. Jobs end with it."""
     for script in (ROOT / "jobs").rglob("*.slurm"):
-        there = tmp_path / script.relative_to(ROOT)
-        there.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(script, there)
+        target = tmp_path / script.relative_to(ROOT)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(script, target)
     (tmp_path / ".venv").symlink_to(ROOT / ".venv")
     text = (ROOT / "jobs" / "stadium.toml").read_text()
     assert "duration = 6.0" in text
@@ -149,7 +149,7 @@ def test_a_study_that_is_stopped_and_killed_goes_on_to_the_same_bits(slurm, site
     job = slurm.submit(*words, cwd=site)
     slurm.until(lambda: "runs to make" in log_of(site, f"stadium-study-{job}"), "its start")
     slurm.command("scancel", job)
-    slurm.until_empty()  # neither queued again nor submitted anew
+    slurm.until_empty()  # neither requeued nor submitted again
     assert slurm.facts(job)["JobState"] == "CANCELLED" and journal.exists()
     slurm.submit(*words, cwd=site)
     slurm.until_empty()
@@ -172,8 +172,8 @@ def test_an_array_is_killed_and_sent_back_and_joined_to_the_same_bits(slurm, sit
     join = slurm.submit("--wrap", ".venv/bin/netfall study storm.toml", cwd=site)
     slurm.until_empty()
     assert [slurm.facts(f"{job}_{k}")["Restarts"] for k in (1, 2)] == ["1", "1"]
-    said = (site / f"slurm-{join}.out").read_text()
-    assert all(f"storm.{k}-of-2.study.h5: 3 of 6 runs are there" in said for k in (1, 2)), said
+    output = (site / f"slurm-{join}.out").read_text()
+    assert all(f"storm.{k}-of-2.study.h5: 3 of 6 runs are there" in output for k in (1, 2)), output
     same_studies(whole, site / "storm.study.h5")
 
 
@@ -186,8 +186,8 @@ def test_srun_starts_the_ranks_of_a_worker(slurm, site):
         "--ntasks=2", "--wrap", f'.venv/bin/netfall study storm.toml --launcher "{launcher}"', cwd=site
     )
     slurm.until_empty()
-    said = (site / f"slurm-{job}.out").read_text()
-    assert "1 at once on 2 ranks each" in said and "written:" in said, said
+    output = (site / f"slurm-{job}.out").read_text()
+    assert "1 at once on 2 ranks each" in output and "written:" in output, output
     same_studies(site / "alone.study.h5", site / "storm.study.h5")
 
 

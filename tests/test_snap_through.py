@@ -42,9 +42,9 @@ def warnings_of(workshop, job) -> list[str]:
     """Return the warnings of snap-through of a run, its info and its report."""
     done = workshop.run(job, code=None)
     assert done.returncode == 0, done.stderr
-    found = [done.stdout, workshop.info(), workshop.report().page]
+    texts = [done.stdout, workshop.info(), workshop.report().page]
     return [
-        line for text in found for line in text.splitlines() if "limit load" in line and "arning: " in line
+        line for text in texts for line in text.splitlines() if "limit load" in line and "arning: " in line
     ]
 
 
@@ -59,11 +59,11 @@ def test_a_shallow_frame_beyond_its_limit_load_is_a_warning(workshop, steps):
         assert f["statics"].attrs["limit_load_factor"] == pytest.approx(1.0 / 1.05, rel=4e-3)
         assert f["statics/displacement"][-1][1, 2] < -2.0 * RISE
     assert len(lines) == 3
-    told = re.search(r"the net snaps through at load factor (0\.\d+): node 2 jumps by (\S+) mm", lines[0])
-    assert float(told[1]) == pytest.approx(1.0 / 1.05, rel=4e-3)
+    match = re.search(r"the net snaps through at load factor (0\.\d+): node 2 jumps by (\S+) mm", lines[0])
+    assert float(match[1]) == pytest.approx(1.0 / 1.05, rel=4e-3)
     a, L0 = 0.5 * SPAN, np.hypot(0.5 * SPAN, RISE)
     height = np.sqrt((a * a * L0) ** (2.0 / 3.0) - a * a)  # at the limit; from there to below the supports
-    assert RISE + height < 1e-3 * float(told[2]) + (RISE - height) < 2.5 * RISE
+    assert RISE + height < 1e-3 * float(match[2]) + (RISE - height) < 2.5 * RISE
 
 
 @pytest.mark.parametrize("steps", [1, 5])
@@ -97,10 +97,10 @@ def test_cases_combinations_and_permanent_loads_are_searched(workshop):
     job = frame(workshop, 0.0)
     job.write_text(job.read_text().replace(BARS, weight.format(density)))
     done = run_on_standing_ranks("run", job, "-o", workshop.folder / "weight.vtkhdf")
-    told = re.search(
+    match = re.search(
         r"warning: the permanent loads: the net snaps through at (\S+) of these loads:", done.stdout
     )
-    assert float(told[1]) == pytest.approx(1.0 / 1.1, rel=4e-3)
+    assert float(match[1]) == pytest.approx(1.0 / 1.1, rel=4e-3)
 
 
 CHECKED = """steps = 0
@@ -149,8 +149,8 @@ def test_bars_that_yield_snap_through(workshop):
     job = frame(workshop, 1.05)
     job.write_text(job.read_text().replace("density", "yield_stress = 1e6\ndensity"))
     run = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf", code=3).stdout
-    told = re.search(r"warning: static load step 1 of 1: .* (?:at|beyond) load factor (\S+?)[:.] ", run)
-    assert float(told[1]) == pytest.approx(
+    match = re.search(r"warning: static load step 1 of 1: .* (?:at|beyond) load factor (\S+?)[:.] ", run)
+    assert float(match[1]) == pytest.approx(
         2e3 * RISE / np.hypot(10.0, RISE) / (1.05 * limit_load()), abs=2e-3
     )
 
@@ -171,8 +171,8 @@ def test_a_stage_that_snaps_is_a_warning(workshop):
         return 2.0 * EA * np.sqrt(max(L * L - a * a, 0.0)) * (1.0 / L - 1.0 / (L0 - less))
 
     less = brentq(lambda less: limit(less) - 0.5 * limit_load(), 0.0, L0 - a - 1e-9)
-    told = re.search(r"warning: stage b: the net snaps through at (\S+) of its changes", run.stdout)
-    assert float(told[1]) == pytest.approx(less / 0.02, abs=4e-3)
+    match = re.search(r"warning: stage b: the net snaps through at (\S+) of its changes", run.stdout)
+    assert float(match[1]) == pytest.approx(less / 0.02, abs=4e-3)
     (row,) = rows_of(workshop.report("r.vtkhdf").folder / "cases.csv")
     assert (row["state"], float(row["load_factor"])) == ("beyond_limit_point", 0.0)
 
@@ -195,10 +195,10 @@ MOVES = "[dynamics]\nduration = 0.01\n"
 def test_a_sample_of_a_study_beyond_a_limit_point_has_failed(workshop, share, more, place):
     """Also in the erection or before a dynamic stage. The equilibrium beyond does not count."""
     job = frame(workshop, share, more)
-    found = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache())
-    assert found["state"] == ("no_equilibrium" if place else "finished")
-    assert found["reason"].startswith(f"{place}: limit point" if place else "")
-    assert ("limit point" in found["reason"]) == bool(place)
+    outcomes = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache())
+    assert outcomes["state"] == ("no_equilibrium" if place else "finished")
+    assert outcomes["reason"].startswith(f"{place}: limit point" if place else "")
+    assert ("limit point" in outcomes["reason"]) == bool(place)
 
 
 def test_a_compression_of_rounding_size_is_stable(workshop):
@@ -303,10 +303,10 @@ def test_a_mast_that_loses_a_guy_and_turns_over_fails_the_checks(workshop):
     text += "[[remove]]\nelements = [1]\ntime = 0.001\n"
     elements = "start,end,group\n0,1,bar\n1,2,guy\n1,3,guy\n1,4,guy\n1,5,guy\n"
     done = workshop.solve(text, nodes, elements, code=None)
-    told = re.search(
+    match = re.search(
         r"the net without element 1: the net snaps through at (\S+) of the lost forces", done.stdout
     )
-    assert float(told[1]) == pytest.approx(0.7, abs=0.01)
+    assert float(match[1]) == pytest.approx(0.7, abs=0.01)
     assert "FAILS: the path to the net after removal 1 passes a limit point" in workshop.report().page
 
 
@@ -321,8 +321,8 @@ def test_a_frame_that_hangs_in_tension_after_a_removal_fails_the_checks(workshop
     elements = "start,end,group,unstressed_length\n1,2,bar,\n2,3,bar,\n2,4,tie,\n"
     (workshop.folder / "elements.csv").write_text(elements + "2,4,tie,5.28\n" * caught)
     done = workshop.run(job, code=None)
-    told = re.search(r"the net without element 2: the net snaps through at (\S+) of", done.stdout)
-    assert bool(told) == snaps and (not told or float(told[1]) == pytest.approx(1.0 / share, rel=4e-3))
+    match = re.search(r"the net without element 2: the net snaps through at (\S+) of", done.stdout)
+    assert bool(match) == snaps and (not match or float(match[1]) == pytest.approx(1.0 / share, rel=4e-3))
     workshop.open().close()
     page = workshop.report("result.vtkhdf").page
     assert ("FAILS: the path to the net after removal 1 passes a limit point" in page) == snaps

@@ -46,7 +46,7 @@ def shrunk() -> tuple[float, float]:
 
 @pytest.mark.parametrize("release", RELEASES)
 def test_a_ring_released_in_plan_has_the_thrust_q_times_r(workshop, release):
-    """By group, zone, and all; held vertically. N = q R of the polygon, without reactions in plan."""
+    """Group, zone and all nodes, held vertically: N = q R of the polygon, without reactions in plan."""
     text = CABLES + RING + FORM + LOAD + stage("free", release=release, hold=IN_PLACE)
     f = workshop.solve(text, *tables(True, zone=True))
     assert f["form_finding/tension"][K:] == pytest.approx(FORCE, rel=1e-6)
@@ -86,8 +86,8 @@ def test_a_factor_of_prestress_after_stages_with_bending_is_refused(workshop):
     text = CABLES + RING + "bending = true\n" + LOAD + stage("free", hold=IN_PLACE)
     for factor, code in ((1.2, 2), (1.0, 0)):
         job = workshop.job(text + f"[combinations]\nmore = {{prestress = {factor}}}\n", *tables(False))
-        said = run_on_standing_ranks("check", job, code=code).stderr
-        assert ("more: prestress 1.2 multiplies axial forces" in said) == (code == 2)
+        errors = run_on_standing_ranks("check", job, code=code).stderr
+        assert ("more: prestress 1.2 multiplies axial forces" in errors) == (code == 2)
 
 
 def test_stages_of_supports_have_the_same_bits_on_ranks_and_after_a_pause(workshop):
@@ -104,8 +104,8 @@ def test_stages_of_supports_have_the_same_bits_on_ranks_and_after_a_pause(worksh
     assert one["net/fixed"][:K].all()
     with workshop.run(job, ranks=2, output="two.vtkhdf") as two:
         assert assert_same_results(one, two) > 20
-    checkpoint, said = workshop.pause(job, 12, "paused.vtkhdf")
-    assert "in stage" in said
+    checkpoint, message = workshop.pause(job, 12, "paused.vtkhdf")
+    assert "in stage" in message
     with workshop.run(job, "--restart", checkpoint, ranks=2, output="again.vtkhdf") as again:
         assert assert_same_results(one, again) > 20
 
@@ -134,8 +134,8 @@ WRONG = [
 @pytest.mark.parametrize("key, value, line", WRONG)
 def test_a_wrong_support_is_refused_with_its_place(workshop, key, value, line):
     job = workshop.job(CABLES + RING + FORM + LOAD + stage("s", **{key: value}), *tables(True))
-    said = run_on_standing_ranks("check", job, code=2).stderr
-    assert "[[stage]] s" in said and line in said
+    errors = run_on_standing_ranks("check", job, code=2).stderr
+    assert "[[stage]] s" in errors and line in errors
 
 
 def test_a_node_with_an_angle_cannot_become_guided(workshop):

@@ -1,4 +1,4 @@
-"""Ranks that stay are as good as processes of one's own: no run shows in the next, no failure goes unseen."""
+"""Ranks that persist are as good as new processes: no run affects the next, each failure is reported."""
 
 from conftest import Workshop, assert_same_results, run_on_standing_ranks
 from test_parallel import SMALL

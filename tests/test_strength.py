@@ -70,7 +70,7 @@ def test_lines_of_a_generated_net_are_its_cables(tmp_path):
     assert (np.bincount(net.cable) == cells).all()
 
 
-# --- what a cable is made of
+# --- sections of cables
 
 CATALOGUE = (
     "name,mass_per_length,axial_stiffness,breaking_load\nFLC40,8.9,1.77e8,1.52e6\nFLC60,20.1,4.0e8,3.59e6\n"
@@ -138,9 +138,9 @@ def test_an_area_of_a_group_that_changes_no_stiffness_is_named(workshop, own, no
     section = f"[cable]\naxial_stiffness = 1e8\nmass_per_length = 2.0\n[group.'e*']\narea = 5e-4\n{own}"
     net = net_of(workshop, table("group", ["edge", "end", *["a"] * 5]), section=section)
     assert net.EA[:3].tolist() == pytest.approx([1e8 if noted else 5e7] * 2 + [1e8])
-    found = [note for note in net.notes if "area: does not change" in note]
+    notes = [note for note in net.notes if "area: does not change" in note]
     start = "note: [group.e*] area: does not change"
-    assert [note.partition(", which")[0] for note in found] == [f"{start} {key}" for key in noted]
+    assert [note.partition(", which")[0] for note in notes] == [f"{start} {key}" for key in noted]
 
 
 @pytest.mark.parametrize(
@@ -161,7 +161,7 @@ def test_an_unused_prestress_of_a_row_is_named(workshop, column, form, noted):
     ] * noted
 
 
-WRONG = {  # what is said of [cable], and rows of elements.csv: what the line must tell
+WRONG = {  # keys of [cable], a column of elements.csv, and words of the message
     "twice stiff": (
         STEEL + "axial_stiffness = 1e8\n",
         "",
@@ -205,12 +205,12 @@ WRONG = {  # what is said of [cable], and rows of elements.csv: what the line mu
 
 @pytest.mark.parametrize("case", WRONG)
 def test_contradictions_are_refused(workshop, case):
-    section, column, told = WRONG[case]
+    section, column, message = WRONG[case]
     (workshop.folder / "cables.csv").write_text(CATALOGUE)
     name, _, value = (column or "id:0").partition(":")
     rows = [value, *(range(1, 7) if name == "id" else [""] * 6)]
     (line,) = error_lines(net_of, workshop, table(name, rows), section=section)
-    assert told in line
+    assert message in line
 
 
 def test_breaking_load_and_fracture_strain_count_by_the_lesser(workshop):

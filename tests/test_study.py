@@ -199,8 +199,8 @@ def test_an_outcome_without_fracture_has_the_peaks_between_snapshots(workshop):
 def test_reproducible_failures_are_not_repeated(tmp_path):
     """A refused or diverged run remains, a dead worker does not. Another version starts afresh."""
     path, header = tmp_path / "x.journal", {"program": "a"}
-    told = {code: {"state": "failed", "exit_code": code, "reason": "why"} for code in (1, 2, 3)}
-    ended = [read_outcome(told[code], None, None) for code in (1, 2, 3)]
+    records = {code: {"state": "failed", "exit_code": code, "reason": "why"} for code in (1, 2, 3)}
+    ended = [read_outcome(records[code], None, None) for code in (1, 2, 3)]
     assert [outcome.state for outcome in ended] == ["failed", "refused", "diverged"]
     outcomes = OutcomeJournal(path, header)
     for key, outcome in zip("abc", ended):
@@ -221,16 +221,16 @@ def test_a_stopped_trade_resumes(workshop):
     arguments = [str(word) for word in (*arguments, "--repeats", 6)]
     journal, total = workshop.folder / "job_trade.journal", 2 * 6  # of each setting
     measured = lambda: read_journal(journal)[0][1:] if journal.exists() else []
-    there = []
+    finished = []
     for signal_, code in ((signal.SIGKILL, -signal.SIGKILL), (signal.SIGTERM, 4)):
         process = Popen([BIN / "netfall", *arguments], cwd=workshop.folder, env=ENVIRONMENT, stdout=DEVNULL)
-        wait_for(lambda: len(measured()) > len(there) or process.poll() is not None)
+        wait_for(lambda: len(measured()) > len(finished) or process.poll() is not None)
         process.send_signal(signal_)
         assert process.wait(60) == code
-        before, there = there, measured()
-        assert there[: len(before)] == before and len(before) < len(there) < total
+        before, finished = finished, measured()
+        assert finished[: len(before)] == before and len(before) < len(finished) < total
     run_on_standing_ranks(*arguments, cwd=workshop.folder)
-    assert measured()[: len(there)] == there and len(measured()) == total
+    assert measured()[: len(finished)] == finished and len(measured()) == total
     names = {"job.toml", "nodes.csv", "elements.csv", "wind.csv"}
     assert {p.name for p in workshop.folder.iterdir() if "lock" not in p.name} == names | {
         f"job_trade.{ending}" for ending in ("h5", "png", "journal")

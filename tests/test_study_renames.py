@@ -42,8 +42,8 @@ def test_a_result_of_another_version_is_refused_by_its_name(result):
         del file["provenance"].attrs["format"]
     line = f"{result}: written by netfall 0.4.0, "
     for read in (open_result, netfall.open):
-        (told,) = error_lines(read, result)
-        assert told.startswith(line)
+        (error,) = error_lines(read, result)
+        assert error.startswith(line)
     assert refused("info", result).startswith(f"error: {line}")
 
 
@@ -55,19 +55,19 @@ def test_a_study_of_another_version_is_refused_by_its_name(tmp_path):
         file["provenance/netfall"] = "0.4.0"
     line = f"{path}: written by netfall 0.4.0, "
     for read in (read_study, read_digests):
-        (told,) = error_lines(read, path)
-        assert told.startswith(line)
+        (error,) = error_lines(read, path)
+        assert error.startswith(line)
     assert refused("study", write(tmp_path), "-o", path, cwd=tmp_path).startswith(f"error: {line}")
 
 
 @pytest.mark.parametrize("version", ["0.5.0", "0.4 or older"])
 def test_a_checkpoint_of_another_version_is_refused_by_its_name(tmp_path, version):
-    """Those of 0.4 have no version; those of 0.5.0 lack yield forces, and peaks between rows."""
+    """Checkpoints of 0.4 have no version; those of 0.5.0 lack yield forces, and peaks between rows."""
     path, temporary = tmp_path / "a.checkpoint-5-000000000000.h5", tmp_path / "a.h5"
     with h5py.File(temporary, "w") as file:
         file.attrs["format"] = 13
         if version == "0.5.0":
             file.attrs["netfall"] = version
     finish_file(temporary, path, seal=True)
-    (told,) = error_lines(Checkpoint, path, "")
-    assert told.startswith(f"{path}: written by netfall {version}, ")
+    (error,) = error_lines(Checkpoint, path, "")
+    assert error.startswith(f"{path}: written by netfall {version}, ")

@@ -118,8 +118,8 @@ def test_samples_are_the_runs_of_the_job(whole, tmp_path):
         assert f["first_breaks"][:].sum() == (samples["broken"][:] > 0).sum()
         write(tmp_path)
         with own_run(tmp_path, "wind.speed=30.0", "wind.seed=1") as run:
-            mine = f["events/sample"][:] == 2
-            assert f["events/time"][mine].tolist() == run["events/time"][:].tolist()
+            in_sample = f["events/sample"][:] == 2
+            assert f["events/time"][in_sample].tolist() == run["events/time"][:].tolist()
             assert samples["energy_balance_error"][2] == np.abs(run["history/energy_balance_error"][:]).max()
             assert samples["displacement_max"][2] == run["envelope/displacement_max"][:].max()
             assert samples["tension_max"][2] == run["envelope/tension_max"][:].max()
@@ -172,8 +172,8 @@ def test_a_killed_study_resumes_with_the_same_bits(whole, tmp_path):
     wait_for(lambda: journal.exists() and b'"done"' in journal.read_bytes())
     driver.kill()
     driver.wait()
-    there = {record["done"] for record in read_journal(journal)[0] if "done" in record}
-    assert 0 < len(there) < 6
+    finished = {record["done"] for record in read_journal(journal)[0] if "done" in record}
+    assert 0 < len(finished) < 6
     study.write_text(STUDY + "[run]\nranks = 2\n")
     command[-1] = "1"
     driver = subprocess.Popen(command, cwd=tmp_path, env=ENVIRONMENT, stdout=subprocess.PIPE)
@@ -227,9 +227,9 @@ def test_a_study_of_equilibria_has_the_extremes_of_all_cases(tmp_path):
         assert rows["displacement_max"][number] == pytest.approx(moved, rel=1e-15)
         assert used[number] == pytest.approx(tension / 4.9e5, rel=1e-12)  # elastic, all of one strength
     assert failed == 2 + (rows["displacement_max"][[1, 3]] > 0.3).sum()
-    told = run_on_standing_ranks("info", tmp_path / "cases.study.h5", cwd=tmp_path).stdout
-    assert "equilibria without a dynamic stage" in told and "no stable equilibrium: count" in told
-    assert "strength: exceeded" not in told and used[1] < 1.0
+    text = run_on_standing_ranks("info", tmp_path / "cases.study.h5", cwd=tmp_path).stdout
+    assert "equilibria without a dynamic stage" in text and "no stable equilibrium: count" in text
+    assert "strength: exceeded" not in text and used[1] < 1.0
 
 
 def test_a_study_of_equilibria_names_exceeded_strengths_and_refuses_counts_of_fractures(tmp_path):
@@ -242,9 +242,9 @@ def test_a_study_of_equilibria_names_exceeded_strengths_and_refuses_counts_of_fr
     with h5py.File(tmp_path / "cases.study.h5") as f:
         used = f["samples/utilisation_max"][:]
     assert used[0] > 1.1 and used[1] < 1.0
-    told = run_on_standing_ranks("info", tmp_path / "cases.study.h5", cwd=tmp_path).stdout
+    text = run_on_standing_ranks("info", tmp_path / "cases.study.h5", cwd=tmp_path).stdout
     assert (
-        f"strength: exceeded in 1 of the 2 samples that finished, by a factor of up to {used[0]:.3g}" in told
+        f"strength: exceeded in 1 of the 2 samples that finished, by a factor of up to {used[0]:.3g}" in text
     )
     with study.open("a") as file:
         file.write('[[failure]]\nname = "tears"\noutcome = "broken"\nlimit = 0\n')
@@ -259,8 +259,8 @@ def test_the_utilisation_of_a_yielding_cable_exceeds_one(workshop):
         "id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,0,0,-10,0,-3e3\n",
         "start,end,yield_stress,unstressed_length\n1,2,1e7,10\n1,2,1e9,10\n",
     )
-    found = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache())
-    assert found["utilisation_max"] == pytest.approx(2.0, rel=1e-6)  # it was 1, which no limit of 1 exceeds
+    outcomes = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache())
+    assert outcomes["utilisation_max"] == pytest.approx(2.0, rel=1e-6)  # no limit of 1 exceeds 1
 
 
 def test_extremes_of_a_sample_include_the_permanent_loads(workshop):
@@ -270,21 +270,22 @@ def test_extremes_of_a_sample_include_the_permanent_loads(workshop):
     text += "[[case]]\nname = 'suction'\nset = {'load.pressure' = [0.0, 0.0, 600.0]}\n"
     nodes = "id,x,y,z,fixed,area\n1,-10,0,0,1,0\n2,10,0,0,1,0\n3,0,0,-1,0,10\n"
     job = workshop.job(text, nodes, "id,start,end\n1,1,3\n2,3,2\n")
-    found = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache())
-    assert found["utilisation_max"] == found["utilisation_before_break"] == pytest.approx(1.05807, rel=1e-5)
-    text, said = job.read_text().replace("dead = 3.2e3", "dead = 100.0"), []
+    outcomes = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache())
+    for name in ("utilisation_max", "utilisation_before_break"):
+        assert outcomes[name] == pytest.approx(1.05807, rel=1e-5)
+    text, lines = job.read_text().replace("dead = 3.2e3", "dead = 100.0"), []
     stages = "[[stage]]\nname = '{}'\nset = {{'load.dead' = {}}}\n"
     job.write_text(text + stages.format("heavy", 3.2e3) + stages.format("light", 100.0))
-    run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache(), say=said.extend)
-    assert [line for line in said if "stage heavy: 2 elements (1, 2): strength exceeded" in line]
+    run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache(), say=lines.extend)
+    assert [line for line in lines if "stage heavy: 2 elements (1, 2): strength exceeded" in line]
 
 
 def workers_of(pid: int) -> list[int]:
     """Return the processes of a driver's workers."""
     children = Path(f"/proc/{pid}/task/{pid}/children")
-    found = [int(word) for word in children.read_text().split()] if children.exists() else []
+    ids = [int(word) for word in children.read_text().split()] if children.exists() else []
     command = lambda child: Path(f"/proc/{child}/cmdline")
-    return [child for child in found if command(child).exists() and b"worker" in command(child).read_bytes()]
+    return [child for child in ids if command(child).exists() and b"worker" in command(child).read_bytes()]
 
 
 def test_the_sunk_area_is_that_of_the_worst_case(tmp_path):
@@ -296,13 +297,14 @@ def test_the_sunk_area_is_that_of_the_worst_case(tmp_path):
     )
     job, result = tmp_path / "roof.toml", tmp_path / "roof.vtkhdf"
     job.write_text(STATIC.partition("[load]")[0] + "[load]\nself_weight = false\n" + halves)
-    found = run_sample(MPI.COMM_SELF, lambda: read_job(job), result, ResultCache(), depth=0.85)
+    outcomes = run_sample(MPI.COMM_SELF, lambda: read_job(job), result, ResultCache(), depth=0.85)
     with h5py.File(result) as f:
         area = f["net/tributary_area"][:]
         sunk = [f[f"cases/{side}/displacement"][:, 2] < -0.85 for side in ("west", "east")]
     shares = [area[rows].sum() / area.sum() for rows in sunk]
     assert (
-        found["sunk_area"] == max(shares) < area[sunk[0] | sunk[1]].sum() / area.sum() and min(shares) > 0.0
+        outcomes["sunk_area"] == max(shares) < area[sunk[0] | sunk[1]].sum() / area.sum()
+        and min(shares) > 0.0
     )
 
 
@@ -312,10 +314,10 @@ def test_a_study_prints_the_warnings_of_its_job_and_its_runs(tmp_path):
     study = write(tmp_path, text)
     job = tmp_path / "roof.toml"
     job.write_text(job.read_text().replace("base_height = 10.0", "base_height = -5.0").replace("1.6", "0.01"))
-    told = run_on_standing_ranks("study", study, cwd=tmp_path).stdout
-    assert all(told.count(code) == 1 for code in ("[N249]", "[W436]"))
-    assert "warnings (W422, W436, " in told.splitlines()[-1] and "[output]" not in told
-    (line,) = [line for line in told.splitlines() if line.endswith("[W422]")]
+    output = run_on_standing_ranks("study", study, cwd=tmp_path).stdout
+    assert all(output.count(code) == 1 for code in ("[N249]", "[W436]"))
+    assert "warnings (W422, W436, " in output.splitlines()[-1] and "[output]" not in output
+    (line,) = [line for line in output.splitlines() if line.endswith("[W422]")]
     assert "wind.speed = 92.0 m/s: implausible for roofs" in line and "is the first with this" in line
 
 
@@ -346,9 +348,9 @@ def test_nets_may_differ_between_samples(tmp_path):
             assert first[row : row + 1].tolist() == (element or [-1])
             assert ids[row] == (run["net/element_id"][element[0]] if element else -1)
     plot_study(path, tmp_path)
-    said = []
-    print_study(path, said.append)
-    assert said[1].startswith("study: 4 samples of nets that differ"), said
+    lines = []
+    print_study(path, lines.append)
+    assert lines[1].startswith("study: 4 samples of nets that differ"), lines
 
 
 def test_shards_are_joined_and_missing_runs_executed(whole, tmp_path):
@@ -397,8 +399,8 @@ def test_kept_files_exist_and_those_of_other_shards_remain(tmp_path):
     own.rmdir()
     run_on_standing_ranks(*part, cwd=tmp_path)
     assert {path.name for path in own.parent.iterdir()} == {own.name, other.name}
-    with h5py.File(own) as kept, h5py.File(tmp_path / "storm.1-of-2.study.h5") as f:
-        assert kept["events/time"].shape == (f["samples/broken"][0],) == (0,)
+    with h5py.File(own) as file, h5py.File(tmp_path / "storm.1-of-2.study.h5") as f:
+        assert file["events/time"].shape == (f["samples/broken"][0],) == (0,)
 
 
 @pytest.mark.parametrize(
@@ -411,15 +413,15 @@ def test_kept_files_exist_and_those_of_other_shards_remain(tmp_path):
     ],
 )
 def test_files_of_an_earlier_study_are_not_used(tmp_path, keep, broken, wrote, stays):
-    new, kept = tmp_path / ".new", tmp_path / "000007.vtkhdf"
-    kept.write_text("old")
+    new, old = tmp_path / ".new", tmp_path / "000007.vtkhdf"
+    old.write_text("old")
     if wrote:
         new.write_text("new")
-    name = lambda number, token="": new if token else kept
+    name = lambda number, token="": new if token else old
     plan = SimpleNamespace(run=SimpleNamespace(keep_results=keep))
     runs = SimpleNamespace(plan=plan, token="new", _kept=name)
     StudyRuns._keep(runs, 7, {"broken": broken})
-    assert not new.exists() and (kept.read_text() if kept.exists() else None) == stays
+    assert not new.exists() and (old.read_text() if old.exists() else None) == stays
 
 
 def test_a_run_leaves_no_reference_cycles(tmp_path):
@@ -533,11 +535,12 @@ def test_run_and_study_agree_on_jobs_without_equilibrium(tmp_path):
     with h5py.File(tmp_path / "posts.study.h5") as f:
         assert f["samples/state"].asstr()[:].tolist() == ["finished"] * 2
         assert f["samples/equilibrium_after_removal"].asstr()[:].tolist() == ["unstable"] * 2
-    told = run_on_standing_ranks("info", tmp_path / "posts.study.h5").stdout
+    output = run_on_standing_ranks("info", tmp_path / "posts.study.h5").stdout
     assert (
-        "member removals: 2 different; further elements break after 0, no equilibrium after 2 (x, y)" in told
+        "member removals: 2 different; further elements break after 0, no equilibrium after 2 (x, y)"
+        in output
     )
-    assert ", of which 2 not stable" in told and "one draw of gusts" not in told
+    assert ", of which 2 not stable" in output and "one draw of gusts" not in output
 
 
 def test_the_balance_of_a_sample_is_the_worst_of_its_history(tmp_path, capsys):
@@ -553,17 +556,17 @@ def test_the_balance_of_a_sample_is_the_worst_of_its_history(tmp_path, capsys):
     with h5py.File(tmp_path / "job.vtkhdf") as f:
         error = np.abs(f["history/energy_balance_error"][:])
     assert error.max() > 0.01 > error[-1]
-    told = run_sample(MPI.COMM_WORLD, lambda: read_job(job), None, ResultCache())
-    assert told["energy_balance_error"] == error.max()
+    outcomes = run_sample(MPI.COMM_WORLD, lambda: read_job(job), None, ResultCache())
+    assert outcomes["energy_balance_error"] == error.max()
     for name in ("energy_balance_error", "balance_error_attached"):  # either is enough
         samples = dict.fromkeys(("energy_balance_error", "balance_error_attached"), np.full(2, 1e-4))
-        samples |= {name: np.array([1e-4, told["energy_balance_error"]])}
+        samples |= {name: np.array([1e-4, outcomes["energy_balance_error"]])}
         _print_energy_check(SimpleNamespace(samples=samples), print)
         lines = capsys.readouterr().out
         assert "worst in row 1" in lines and "energy balance of 1 sample is off by more than 0.1%" in lines
     study = write(tmp_path, 'job = "job.toml"\n[vary]\n"cable.area" = [1e-4]\n', "off")
-    told = run_on_standing_ranks("study", study, cwd=tmp_path).stdout
-    assert "the energy balance of 1 sample is off by more than 0.1%" in told and ", W975; " in told
+    outcomes = run_on_standing_ranks("study", study, cwd=tmp_path).stdout
+    assert "the energy balance of 1 sample is off by more than 0.1%" in outcomes and ", W975; " in outcomes
 
 
 # --- the journal and the pool
@@ -579,12 +582,12 @@ def test_a_truncated_journal_loses_at_most_one_record(tmp_path):
     ends = [k + 1 for k, byte in enumerate(whole) if byte == ord("\n")]
     for cut in range(len(whole) + 1):
         path.write_bytes(whole[:cut])
-        found, _ = read_journal(path)
-        assert found == [{"format": 1}, *records][: sum(end <= cut for end in ends)]
+        intact, _ = read_journal(path)
+        assert intact == [{"format": 1}, *records][: sum(end <= cut for end in ends)]
         journal = Journal(path, {"format": 1})
         journal.add({"done": 9})
         journal.close()
-        assert read_journal(path)[0] == [*(found or [{"format": 1}]), {"done": 9}]
+        assert read_journal(path)[0] == [*(intact or [{"format": 1}]), {"done": 9}]
     path.write_bytes(whole[:20].replace(b"1", b"2") + whole[20:])
     with pytest.raises(InputError, match="line 1 is damaged"):
         read_journal(path)
@@ -610,7 +613,7 @@ for line in sys.stdin:
 def run_pool(requests, workers=1, limit=60.0, start=0.0, slots=1) -> tuple[dict, list]:
     """Return answers of FAKE by number, and the reported deaths. requests : key, number, action"""
     tasks, done, died = [(key, number, {"what": what}) for key, number, what in requests], {}, []
-    take, note = lambda _: tasks.pop(0) if tasks else None, lambda *told: died.append(told)
+    take, note = lambda _: tasks.pop(0) if tasks else None, lambda *event: died.append(event)
     command = [sys.executable, "-c", FAKE, str(start)]
     WorkerPool(command, workers, limit, take, done.__setitem__, note, slots=slots).run(NEVER_STOP)
     return done, died
@@ -618,12 +621,13 @@ def run_pool(requests, workers=1, limit=60.0, start=0.0, slots=1) -> tuple[dict,
 
 def test_workers_that_die_or_take_too_long_are_replaced():
     """Other workers continue. A run whose worker died is repeated; one that takes too long is not."""
-    asked = [("a", 0, "go"), ("a", 1, "die"), ("a", 2, "sleep"), ("a", 3, "go"), ("b", 4, "go")]
-    done, died = run_pool(asked, 2, 3.0)
+    requests = [("a", 0, "go"), ("a", 1, "die"), ("a", 2, "sleep"), ("a", 3, "go"), ("b", 4, "go")]
+    done, died = run_pool(requests, 2, 3.0)
     assert sorted(done) == [0, 3, 4]
     assert (2, "took longer than time_limit = 3 s", False) in died
     why = "its worker ended with exit code 1: error: rank 0: no memory"
-    assert [told for told in died if told[0] == 1] == [(1, why, True)] * 2 + [(1, f"{why}, 3 times", False)]
+    deaths = [death for death in died if death[0] == 1]
+    assert deaths == [(1, why, True)] * 2 + [(1, f"{why}, 3 times", False)]
 
 
 def test_simultaneous_tasks_share_their_time_limits():
@@ -633,7 +637,7 @@ def test_simultaneous_tasks_share_their_time_limits():
 
 
 def test_tasks_of_a_dead_worker_are_repeated_one_by_one():
-    """So the other tasks are not counted as failed with it."""
+    """The other tasks do not count as failed with it."""
     done, died = run_pool([("a", 0, "die"), *(("a", number, "go") for number in (1, 2, 3))], slots=4)
     assert sorted(done) == [1, 2, 3] and len({answer["pid"] for answer in done.values()}) <= 3
     again = sorted((number, again) for number, _, again in died)
@@ -716,14 +720,14 @@ def test_workers_that_do_not_start_end_the_study():
 @pytest.mark.parametrize("method", ["sobol", "latin_hypercube", "random"])
 def test_draws_have_their_distribution(method):
     count = 1024
-    asked = [
+    requests = [
         {"distribution": "normal", "mean": 10.0, "deviation": 2.0},
         {"distribution": "lognormal", "mean": 10.0, "deviation": 5.0},
         {"distribution": "uniform", "from": 1.0, "to": 3.0},
         {"distribution": "integer", "from": 1, "to": 4},
     ]
-    drawn = draw(method, count, 3, asked)
-    assert drawn.shape == (count, 4) and (drawn == draw(method, count, 3, asked)).all()
+    drawn = draw(method, count, 3, requests)
+    assert drawn.shape == (count, 4) and (drawn == draw(method, count, 3, requests)).all()
     deviation = np.array([2.0, 5.0, 2.0 / np.sqrt(12.0), np.sqrt(1.25)])
     assert np.all(np.abs(drawn.mean(0) - [10.0, 10.0, 2.0, 2.5]) < 5.0 * deviation / np.sqrt(count))
     assert drawn.std(0) == pytest.approx(deviation, rel=0.15)
@@ -743,17 +747,17 @@ def test_the_detached_area_by_hand():
         fixed=fixed,
         density=np.ones(4),
     )
-    area, gone = np.array([1.0, 2.0, 4.0, 2.0, 1.0]), np.zeros(4, bool)
-    assert detached_area(net, area, gone) == 0.0
-    gone[1] = True
-    assert detached_area(net, area, gone) == 0.0
+    area, detached = np.array([1.0, 2.0, 4.0, 2.0, 1.0]), np.zeros(4, bool)
+    assert detached_area(net, area, detached) == 0.0
+    detached[1] = True
+    assert detached_area(net, area, detached) == 0.0
     net.density[2] = 0.0  # a stage of erection took it out
-    assert detached_area(net, area, gone) == 0.4
-    gone[2] = True
-    assert detached_area(net, area, gone) == 0.4
-    gone[:] = True
-    assert detached_area(net, area, gone) == 0.8
-    assert np.isnan(detached_area(net, np.zeros(5), gone))
+    assert detached_area(net, area, detached) == 0.4
+    detached[2] = True
+    assert detached_area(net, area, detached) == 0.4
+    detached[:] = True
+    assert detached_area(net, area, detached) == 0.8
+    assert np.isnan(detached_area(net, np.zeros(5), detached))
 
 
 # --- wrong input
@@ -821,8 +825,8 @@ WRONG = [(f"[vary]\n{text}\n", line) for text, line in WRONG_VARY] + [
 @pytest.mark.parametrize(("text", "line"), WRONG, ids=[line[:40] for _, line in WRONG])
 def test_a_wrong_study_file_is_refused_in_one_line(tmp_path, text, line):
     lines = error_lines(read_study_plan, write(tmp_path, OF_STUDY + text))
-    told = line.replace("JOB", str(ROOT / "jobs" / "saddle.toml"))
-    assert any(told in each and "toml" in each for each in lines), lines
+    message = line.replace("JOB", str(ROOT / "jobs" / "saddle.toml"))
+    assert any(message in each and "toml" in each for each in lines), lines
 
 
 def test_inputs_in_the_table_of_samples_are_values_for_set(tmp_path):
@@ -920,9 +924,9 @@ def test_the_order_of_the_samples(tmp_path):
     text += '[sampling]\ncount = 2\nmethod = "random"\n'
     text += '"cable.prestress" = {distribution = "uniform", from = 1e5, to = 2e5}\n'
     plan = read_study_plan(write(tmp_path, text))
-    found = [plan.sample(k).values for k in range(len(plan))]
+    order = [plan.sample(k).values for k in range(len(plan))]
     first, second = plan.draws[:, 0].tolist()
-    assert [(m["wind.seed"], m["wind.speed"], m["cable.prestress"]) for m in found] == [
+    assert [(m["wind.seed"], m["wind.speed"], m["cable.prestress"]) for m in order] == [
         (seed, speed, prestress) for seed in (3, 1) for speed in (20.0, 30.0) for prestress in (first, second)
     ]
     assert json.loads(json.dumps(plan.sample(0).overrides))[0] == "wind.seed=3"

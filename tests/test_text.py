@@ -101,9 +101,9 @@ def test_a_page_shows_any_text_literally(a, b):
     ):
         if len(lines) == 3 and not (words and other):
             continue  # an empty line ends a paragraph
-        found = rendered(lines)
-        assert set(found.tags) <= tags
-        assert [line.strip() for line in found.shown.split("\n") if line.strip()] == [
+        page = rendered(lines)
+        assert set(page.tags) <= tags
+        assert [line.strip() for line in page.shown.split("\n") if line.strip()] == [
             text for text in shown if text
         ]
 
@@ -112,8 +112,8 @@ def test_a_page_embeds_only_its_own_pictures(tmp_path):
     for name in ("form.png", "secret.txt"):
         (tmp_path / name).write_text(SECRET)
     text = "![form](form.png)\n\n![secret](secret.txt)\n\n![gone](gone.png)\n"
-    found = Words(one_page(text, "a", tmp_path, ["form.png"]))
-    assert found.tags.count("img") == 1 and "secret" in found.shown and "gone" in found.shown
+    page = Words(one_page(text, "a", tmp_path, ["form.png"]))
+    assert page.tags.count("img") == 1 and "secret" in page.shown and "gone" in page.shown
 
 
 @settings(max_examples=200, deadline=None)
@@ -177,27 +177,27 @@ def hostile(tmp_path_factory):
     columns = {"id": [11, 12, 13], "start": [1, 2, 5], "end": [5, 5, 3], "group": [UPPER, UPPER, LOWER]}
     write_table(place / "elements.csv", columns | {"prestress": [50e3, 50e3, 80e3]})
     (place / "secret.txt").write_text(SECRET)
-    told = [
+    processes = [
         run_on_standing_ranks(*words, cwd=place) for words in (("check", "job.toml"), ("run", "job.toml"))
     ]
-    told += [run_on_standing_ranks("info", "job.vtkhdf", cwd=place)]
-    return place, "".join(done.stdout + done.stderr for done in told)
+    processes += [run_on_standing_ranks("info", "job.vtkhdf", cwd=place)]
+    return place, "".join(done.stdout + done.stderr for done in processes)
 
 
 def test_commands_print_no_control_characters(hostile):
-    _, told = hostile
-    assert not CONTROL.search(told) and "\\x1b[31m" in told
+    _, output = hostile
+    assert not CONTROL.search(output) and "\\x1b[31m" in output
 
 
 def test_a_report_contains_names_as_text(hostile):
     place, _ = hostile
     written = write_report(place / "job.vtkhdf", place / "report")
     text = (place / "report" / "report.html").read_text()
-    found = Words(text)
-    assert SECRET not in text and not {"script", "a"} & set(found.tags)
-    assert all(source.startswith("data:image/png;base64,iVBOR") for source in found.sources)
-    assert found.tags.count("img") == sum(path.suffix == ".png" for path in written)
-    assert one_line(TITLE) in found.shown and one_line(CASE) in found.shown.replace("\u200b", "")
+    page = Words(text)
+    assert SECRET not in text and not {"script", "a"} & set(page.tags)
+    assert all(source.startswith("data:image/png;base64,iVBOR") for source in page.sources)
+    assert page.tags.count("img") == sum(path.suffix == ".png" for path in written)
+    assert one_line(TITLE) in page.shown and one_line(CASE) in page.shown.replace("\u200b", "")
     assert not CONTROL.search(text) and not CONTROL.search((place / "report" / "summary.md").read_text())
     for path in (path for path in written if path.suffix == ".csv"):
         with open(path, newline="") as file:

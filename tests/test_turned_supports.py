@@ -35,10 +35,10 @@ JOB = (
 
 
 def wheel(folder, angle: float, more: str = "", tighter: float = 1.0, guides: bool = True):
-    """A wheel of twelve spokes as tables, turned about z with all its supports; its job.
+    """Return tables and job of a wheel of twelve spokes, turned about z with all its supports.
 
-    tighter : times the prestress of three elements, which the supports then take part in
-    guides : whether any is held along a line; else a stiff spring stands for it
+    tighter : factor of the prestress of three elements, which loads the supports
+    guides : whether any is held along a line; otherwise a stiff spring replaces it
 
     Of the supports at the ring one is held along a line and has a spring across, two have springs.
     """
@@ -138,7 +138,7 @@ def test_a_bar_at_a_guide_with_a_spring_by_hand(workshop):
     d = 1000.0 * c / (k + c * c * bar)
     along, across = np.array([c, s, 0.0]), np.array([-s, c, 0.0])
     by_hand = k * d * along + (1000.0 - bar * c * d) * -s * across
-    # the bar turns by d s / L = 2.7e-5, which is left out by hand
+    # the bar turns by d s / L = 2.7e-5, which the hand calculation omits
     assert f["cases/a/displacement"][0] == pytest.approx(d * along, rel=1e-4, abs=1e-12)
     assert f["cases/a/tension"][0] == pytest.approx(bar * c * d, rel=1e-4)
     assert f["cases/a/reaction"][0] == pytest.approx(by_hand, rel=1e-4, abs=0.02)
@@ -161,12 +161,12 @@ FORM = "[form_finding]\ntolerance = 3e-11\nmodulus_factor = 1.0\n"
 
 def test_forms_and_springs_with_initial_reactions_rotate(tmp_path):
     """Form finding also holds rotated axes with springs, which then carry the reactions without motion."""
-    found = both(tmp_path, result_of, FORM, tighter=1.05)
-    one, other = (f["cases/all"] for f in found)
+    results = both(tmp_path, result_of, FORM, tighter=1.05)
+    one, other = (f["cases/all"] for f in results)
     assert apart(one["tension"][:], other["tension"][:]) < SAME_FORM
     assert apart(rotated_rows(one["displacement"][:]), other["displacement"][:]) < SAME_FORM
     assert apart(rotated_rows(one["reaction"][:]), other["reaction"][:]) < SAME_FORM
-    assert np.abs(found[1]["provenance/net/spring_rest"][:]).max() > 1e-6
+    assert np.abs(results[1]["provenance/net/spring_rest"][:]).max() > 1e-6
 
 
 def test_the_self_stress_of_a_geometry_rotates(tmp_path):
@@ -216,9 +216,9 @@ def test_stages_of_erection_rotate_with_the_supports(tmp_path):
         job.write_text(loads + STAGES.format(guided=guided))
         return result_of(job)
 
-    found = both(tmp_path, of)
+    results = both(tmp_path, of)
     for stage in ("tight", "let go"):
-        one, other = (f[f"stages/{stage}"] for f in found)
+        one, other = (f[f"stages/{stage}"] for f in results)
         assert one.attrs["state"] == other.attrs["state"] == "equilibrium"
         assert apart(one["tension"][:], other["tension"][:]) < SAME
         for rows in ("displacement", "reaction"):

@@ -341,7 +341,7 @@ def test_order_of_accuracy(both_ways, compare):
     zeta, hold, L0, soft_k, carried = 2.0, 20e3, 10.0, 9e4, 100.0
     stretched = L0 * (1 + hold / EA) + 1e-3
     start = np.array([3.0 + 2.0 * np.sin(1.0), -2.0 * np.cos(1.0)])
-    found = {}  # each moves by itself: with one stiffness, loads along z
+    positions = {}  # each moves by itself: with one stiffness, loads along z
     for k, at, end, mass, load, length, modulus in (
         (0, [0.0, 0.0, 0.0], [0.0, 0.0, -stretched], 1000.0, -hold, L0, E),
         (1, [3.0, 0.0, 0.0], [start[0], 0.0, start[1]], carried, -carried * G, 1.99, soft_k * 1.99 / A),
@@ -349,13 +349,13 @@ def test_order_of_accuracy(both_ways, compare):
         nodes = table("id,x,y,z,fixed,mass,load_z", [(1, *end, 0, mass, load), (0, *at, 1, 0.0, 0.0)])
         text = soft(modulus) + timing(0.5, 2e-3, 5, [(end[0], 0.0)], damping=zeta)
         job = both_ways.job(text, nodes, table("start,end,unstressed_length", [(0, 1, length)]))
-        found[k] = [
+        positions[k] = [
             both_ways.run(
                 job, "--set", f"dynamics.time_step={h}", ranks=2 if h == 2e-3 else 1, output=f"{k}-{h}.vtkhdf"
             )
             for h in (2e-3, 1e-3, 5e-4)
         ]
-    t = found[0][0]["history/time"][:]
+    t = positions[0][0]["history/time"][:]
     mass, omega2 = carried + 1.99 * HALF, EA / L0 / (1000.0 + L0 * HALF)
     omega = np.sqrt(omega2 - zeta**2 / 4)
     decay = 1e-3 * np.exp(-zeta * t / 2) * (np.cos(omega * t) + zeta / 2 / omega * np.sin(omega * t)) - 1e-3
@@ -375,7 +375,7 @@ def test_order_of_accuracy(both_ways, compare):
         ("damped oscillator", "closed form", 0, [2], down, omega2),
         ("mass that swings on a soft cable", "integration to 1e-12", 1, [0, 2], swing, soft_k / mass),
     ):
-        errors = [np.linalg.norm(f["history/probe_displacement"][:, 0, axes] - theirs) for f in found[k]]
+        errors = [np.linalg.norm(f["history/probe_displacement"][:, 0, axes] - theirs) for f in positions[k]]
         for h, pair in zip((2e-3, 1e-3), itertools.pairwise(errors)):
             order, why = np.log2(pair[0] / pair[1]), "next term of the phase: 9/80 (omega h)^2 of the first"
             compare(f"{name}, step of {h * 1e3:g} ms and half of it: order of the error", source).figures(
@@ -391,9 +391,9 @@ def test_order_of_accuracy_of_a_net(both_ways, compare):
     text += "base_height = 10.0\n" + timing(0.2, 2e-4, 25, frames=100)
     job, steps = both_ways.job(text), (2e-4, 1e-4, 5e-5, 1.25e-5)
     step = lambda h: ("--set", f"dynamics.time_step={h}", "--set", "output.history_interval=0.1")
-    found = [both_ways.run(job, *step(h), ranks=2 if h == 2e-4 else 1, output=f"{h}.vtkhdf") for h in steps]
-    assert not any(f["history/slack"][:].any() for f in found)
-    x = [tracks(f) for f in found]
+    results = [both_ways.run(job, *step(h), ranks=2 if h == 2e-4 else 1, output=f"{h}.vtkhdf") for h in steps]
+    assert not any(f["history/slack"][:].any() for f in results)
+    x = [tracks(f) for f in results]
     errors = [np.linalg.norm(v - x[-1]) for v in x[:-1]]
     # 1/s, neighbours in opposition: 4 EA / L over the mass of two elements
     fastest = np.sqrt(2) * C_WAVE / (40.0 / 6)

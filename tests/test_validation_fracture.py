@@ -84,8 +84,8 @@ def test_weight_on_a_cable_that_breaks(both_ways, compare):
     compare("their centre of mass: way since the break", "v t + W t^2 / 2 M").figures(
         fallen, momentum / total * tau + 0.5 * a * tau**2, 1e-10, EXACT, "m"
     )
-    # what is left has its strength: it yields until the end stands still beside the weight, springs towards
-    # it until the cable is slack, and keeps its speed
+    # The remainder keeps its strength. It yields until the end is at rest relative to the weight. Then it
+    # springs towards the weight until it is slack, and keeps its speed.
     stretch, mu = limit * length, M * half / total
     omega = np.sqrt(k / mu)
     still = weight / M / omega**2  # stretch with which the two would fall side by side
@@ -155,8 +155,8 @@ def test_whip_of_a_released_end(both_ways, compare):
     )
     compare("the same: fastest", source).figures(np.abs(v[1:n]).max(), v0, 1e-8, MAGIC, "m/s")
     far = f["history/probe_tension"][:, 0]
-    seen = f["history/time"][:][far < 0.5 * tension][0]
-    arrival = seen - 2 * dt  # broken at the step after that of the event
+    time = f["history/time"][:][far < 0.5 * tension][0]
+    arrival = time - 2 * dt  # broken at the step after that of the event
     compare("the same: time until the far support goes slack", "L0 / c of the whole cable").figures(
         arrival, n * L0 / C, 1e-9, MAGIC, "s"
     )
@@ -205,10 +205,10 @@ def test_dead_load_falls_with_its_node(both_ways, compare):
     compare("the same: end that breaks (1 upper, 2 lower)", "that with the larger resultant force").figures(
         f["events/particle"][0], 1 + force.argmax(), 0, "paper 2.4"
     )
-    taken = f["events/mass"][0]
-    assert taken > 1.2 * half  # some of the dead load went along
+    removed = f["events/mass"][0]
+    assert removed > 1.2 * half  # some of the dead load went along
     compare("the same: mass of the fragment", "k (dt / safety)^2 / 2").figures(
-        taken, 0.5 * k * (dt / 0.8) ** 2, 1e-12, "a formula", "kg"
+        removed, 0.5 * k * (dt / 0.8) ** 2, 1e-12, "a formula", "kg"
     )
     v = (place(step + 1) - place(step))[1] / dt - 0.5 * G * dt
     tau = f["history/time"][-1] - (step + 1) * dt

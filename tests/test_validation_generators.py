@@ -127,17 +127,17 @@ def test_the_errors_of_few_points_are_those_of_check(compare, theirs, request):
         np.sqrt(load_power((x, square_variances(vector)), vector, points, settings, n, weight[None])[0])
     )
     means = field_of("area_mean", 25)[1]
-    kept = float(np.sqrt(np.mean(means.deviation**2))) / wind.sampled_deviation(wind.davenport)
+    share = float(np.sqrt(np.mean(means.deviation**2))) / wind.sampled_deviation(wind.davenport)
     runs = count(40, 6, request)
-    for field, name, asked, what in (
+    for field, name, expected, what in (
         (points, "load_deviation", announced, "gusts at 25 points: deviation of the load"),
-        (means, "deviation", kept, "means at 25 points: deviation at a node"),
+        (means, "deviation", share, "means at 25 points: deviation at a node"),
     ):
         ours, other = realisations(field, runs)[name], theirs[f"davenport/{name}"]
         error = np.hypot(*(v.std(ddof=1) / np.sqrt(len(v)) / v.mean() for v in (ours, other)))
         ratio, why = ours.mean() / other.mean(), "fit of the lags 0.02; 3 standard errors"
         compare(f"{what}, over PyConTurb's", "netfall check").figures(
-            ratio, asked, 0.02 + SCATTER * error, why
+            ratio, expected, 0.02 + SCATTER * error, why
         )
 
 

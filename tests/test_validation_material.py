@@ -91,7 +91,7 @@ def test_weight_dropped_on_a_cable_that_yields(both_ways, compare, strain):
     free = slice(first[-1] + 1, second[0])
     lowest = np.poly1d(np.polyfit(t[free] - t[free].mean(), L[free], 2))
     kinks, what = EA / L0 / mass * dt**2 / 4, "kinks at catch and yield: (omega dt)^2 / 8 of the speed each"
-    sure = kinks * (F * h + stored(at_yield, L0)) / (NY - F)  # m, what the kinks' energy does to the longest
+    sure = kinks * (F * h + stored(at_yield, L0)) / (NY - F)  # m, effect of the kinks' energy on the longest
     name = f"weight dropped on a cable that yields, {strain} strain"
     compare(f"{name}: largest elongation", "balance of energy").figures(
         path(turn) - L0, longest - L0, sure / (longest - L0), what, "m"

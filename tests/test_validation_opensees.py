@@ -1,9 +1,8 @@
 """The saddle and the stadium against OpenSees:
 static equilibrium and motion of the same nets, elastic, taut and slack.
 
-OpenSees's answers are stored (opensees_reference.npz, made by opensees_reference.py, whose head says how), so
-that every run compares with them; where a Python with openseespy is found, they are computed anew as well and
-must be the stored ones.
+The answers of OpenSees are stored in opensees_reference.npz, made by opensees_reference.py, and every run
+compares with them. If a Python has openseespy, they are also computed again and must be the same.
 """
 
 import functools
@@ -181,7 +180,7 @@ def compare_histories(compare, what: str, f, theirs: dict, within: tuple, becaus
 def rounding(
     f, case: dict, theirs: dict, slack_length: float | None = None
 ) -> tuple[tuple[float, float], str]:
-    """What rounding amounts to at the worst, of the largest displacement and tension, and the words for it.
+    """Return the largest effect of rounding, of displacement and tension, and its description.
 
     A strain is right to its last bit, EA 2^-52 of force: for two elements in both programs it pushes a
     particle freely for the whole time.
@@ -223,8 +222,8 @@ def tensions_in_opensees(model: Path) -> dict[int, float]:
     needs_opensees()
     answer = model.with_name("a.npz")
     run_process(python_with_opensees(), ROOT / "tests" / "opensees_tcl.py", model, answer)
-    found = np.load(answer)
-    return dict(zip(found["element"].tolist(), found["tension"]))
+    answers = np.load(answer)
+    return dict(zip(answers["element"].tolist(), answers["tension"]))
 
 
 @pytest.mark.parametrize("stretch", [-1e-3, 1e-3, 5e-2])
@@ -247,10 +246,10 @@ def test_the_element_of_opensees_has_the_expected_law(tmp_path, stretch):
     }
     if stretch < 0:  # without stiffness until it is taut: held, and without force
         case["fixed"] = np.ones((2, 3), int)
-    found = opensees(tmp_path, case)
-    assert np.isclose(found["static_tension"][0], 2e3 if stretch > 0 else 0.0, rtol=1e-12)
+    tensions = opensees(tmp_path, case)
+    assert np.isclose(tensions["static_tension"][0], 2e3 if stretch > 0 else 0.0, rtol=1e-12)
     assert stretch < 0 or np.isclose(
-        found["static_displacement"][1, 2], -(L0 * (1 + 2e3 / EA) - L0 * (1 + stretch)), rtol=1e-10
+        tensions["static_displacement"][1, 2], -(L0 * (1 + 2e3 / EA) - L0 * (1 + stretch)), rtol=1e-10
     )
 
 

@@ -25,9 +25,9 @@ def shipped(name, ring_groups):
 
 def group_forces(net, N):
     """Return the forces of each group, which must be equal, by name."""
-    found = {name: N[net.group == k] for k, name in enumerate(net.group_names)}
-    assert all(np.ptp(forces) == 0.0 for forces in found.values())
-    return {name: forces[0] for name, forces in found.items()}
+    result = {name: N[net.group == k] for k, name in enumerate(net.group_names)}
+    assert all(np.ptp(forces) == 0.0 for forces in result.values())
+    return {name: forces[0] for name, forces in result.items()}
 
 
 @pytest.mark.parametrize(
@@ -40,9 +40,9 @@ def test_a_generated_net_has_the_forces_of_its_closed_form(name, given, states, 
     expected = net.prestress.copy()
     assert ("hoop2" in net.group_names) == rings
     net.prestress[~np.isin(net.group, [net.group_names.index(group) for group in given])] = 0.0
-    found = self_stress(net, None, 1e-6)
-    assert len(found.states) == states
-    assert np.abs(found.N - expected).max() < BY_HAND * np.abs(expected).max()
+    result = self_stress(net, None, 1e-6)
+    assert len(result.states) == states
+    assert np.abs(result.N - expected).max() < BY_HAND * np.abs(expected).max()
 
 
 GEIGER = {"n": 10, "R": 30.0, "r": 14.0, "ridge": 4.0, "foot": -3.0, "top": 6.0, "bottom": 1.0}
@@ -99,9 +99,9 @@ def geiger_by_hand(H):
 def test_a_geiger_dome_by_hand(given, compare):
     net, expected = geiger(), geiger_by_hand(1e5)
     net.prestress[net.group == net.group_names.index(given)] = expected[given]
-    found = self_stress(net, None, 1e-6)
-    forces = group_forces(net, found.N)
-    assert len(found.states) == 1 and forces.keys() == expected.keys()
+    result = self_stress(net, None, 1e-6)
+    forces = group_forces(net, result.N)
+    assert len(result.states) == 1 and forces.keys() == expected.keys()
     for name, force in expected.items():
         case = f"Geiger dome, force of {name} from that of {given}"
         compare(case, "by hand", "Form finding").figures(forces[name], force, BY_HAND, "rounding", "N")
@@ -130,8 +130,8 @@ def test_forces_are_the_nearest_to_the_prestress():
 
 def test_a_self_stress_far_from_the_prestress_is_a_warning():
     """485 N are near 500 and 470 N; 500 N are far from 600 and 400 N; a prestress of 0 does not count."""
-    near, far = line(500.0, 470.0, 0.0), line(600.0, 400.0)
-    assert [*prestress_warnings(near, self_stress(near, None, 1e-6).N)] == []
+    close, far = line(500.0, 470.0, 0.0), line(600.0, 400.0)
+    assert [*prestress_warnings(close, self_stress(close, None, 1e-6).N)] == []
     (text,) = prestress_warnings(far, self_stress(far, None, 1e-6).N)
     assert "prestress of 2 elements by more than 10%; most in element 1: 0.5 kN instead of 0.4 kN" in text
     parts = line(600.0, 600.0, 400.0, 400.0)
@@ -209,16 +209,16 @@ def levy(shared_workshop):
 
 def test_the_self_stress_of_the_levy_dome_is_the_published_one(levy, compare):
     """It follows from the force of one hoop."""
-    f, said, info = levy
+    f, output, info = levy
     names = f["net/group_names"].asstr()[:]
     assert f["form_finding/self_stress"].shape == (1, 156)
-    assert "self-stress: 1 state with one force in each group, of " in said
-    assert next(line for line in said.splitlines() if line.startswith("self-stress")) in info
+    assert "self-stress: 1 state with one force in each group, of " in output
+    assert next(line for line in output.splitlines() if line.startswith("self-stress")) in info
     for name, force in LEVY.items():
-        mine = f["form_finding/tension"][:][f["net/group"][:] == list(names).index(name)]
-        assert np.ptp(mine) == 0.0
+        computed = f["form_finding/tension"][:][f["net/group"][:] == list(names).index(name)]
+        assert np.ptp(computed) == 0.0
         case = f"Levy dome of 156 members, prestress of {name}"
-        compare(case, "TsgFEM, published", "Form finding").figures(mine[0], force, 3e-7, DIGITS, "N")
+        compare(case, "TsgFEM, published", "Form finding").figures(computed[0], force, 3e-7, DIGITS, "N")
 
 
 def test_the_levy_dome_under_load(levy, compare):
@@ -226,12 +226,12 @@ def test_the_levy_dome_under_load(levy, compare):
     f = levy[0]
     node, u, N = f["net/node_id"][:], f["statics/displacement"][-1], f["statics/tension"][-1]
     for p, what, expected in ((13, "outer", -0.1664917), (37, "inner", -0.1800879)):
-        case, mine = f"Levy dome, vertical displacement of the {what} tops", u[node == p, 2][0]
-        compare(case, "dense Newton's method", "Statics").figures(mine, expected, 5e-7, "its digits", "m")
+        case, ours = f"Levy dome, vertical displacement of the {what} tops", u[node == p, 2][0]
+        compare(case, "dense Newton's method", "Statics").figures(ours, expected, 5e-7, "its digits", "m")
     names = list(f["net/group_names"].asstr()[:])
     for name, force in zip(LEVY, LOADED):
-        mine = N[f["net/group"][:] == names.index(name)] / 1e3
-        assert mine == pytest.approx(np.full(len(mine), force), abs=6e-4)  # half of its last digit, rounding
+        ours = N[f["net/group"][:] == names.index(name)] / 1e3
+        assert ours == pytest.approx(np.full(len(ours), force), abs=6e-4)  # half of its last digit, rounding
     assert f["statics/slack"][-1] == 0
 
 
@@ -298,6 +298,6 @@ def test_published_prestress_of_all_groups_gives_equal_forces(workshop):
     path = workshop.folder / "all.toml"
     path.write_text(job)
     net = build_net(read_job(path))
-    found = self_stress(net, None, 1e-6).N
-    assert np.abs(found - net.prestress).max() < 0.1  # N, as the source says of its digits
+    N = self_stress(net, None, 1e-6).N
+    assert np.abs(N - net.prestress).max() < 0.1  # N, as the source says of its digits
     assert net.m == 156

@@ -221,10 +221,10 @@ def square(cells, side, height):
     """
     i, j = np.meshgrid(np.arange(cells + 1), np.arange(cells + 1))
     rim = lambda k: k % cells == 0
-    there = ~(rim(i) & rim(j))
-    number = np.cumsum(there).reshape(there.shape) - 1
-    x, y = (side * (k[there] / cells - 0.5) for k in (i, j))
-    held = (rim(i) | rim(j))[there]
+    is_node = ~(rim(i) & rim(j))
+    number = np.cumsum(is_node).reshape(is_node.shape) - 1
+    x, y = (side * (k[is_node] / cells - 0.5) for k in (i, j))
+    held = (rim(i) | rim(j))[is_node]
     along = lambda grid: np.column_stack((grid[1:-1, :-1].ravel(), grid[1:-1, 1:].ravel()))
     return (
         np.column_stack((x, y, np.where(held, height(x, y), 0.0))),
@@ -508,9 +508,9 @@ def test_load_case_of_the_paper(both_ways, compare):
     source = "Newton's method on the same net, its own form included"
     because = FINE + ", in form and load"
     for step in (1, 5, 10):
-        mine, theirs = ours[step - 1, middle, 2], way[step - 1, middle, 2]
+        computed, theirs = ours[step - 1, middle, 2], way[step - 1, middle, 2]
         compare(f"paper's load case, {step / 5} kN/m2: deflection of the middle", source).figures(
-            mine, theirs, 2 * felt(8, 9.15) / np.abs(theirs), because, "m"
+            computed, theirs, 2 * felt(8, 9.15) / np.abs(theirs), because, "m"
         )
     compare("paper's load case, ten steps: largest difference of a displacement", source).error(
         np.abs(ours - way).max(), 2 * felt(8, 9.15), because, "m"

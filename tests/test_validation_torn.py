@@ -37,8 +37,8 @@ history_interval = {{duration!r}}
 def tear(workshop, load: float, run: int = 0, steps: int = torn.STEPS, fragments: bool = False):
     """Return step and number of each broken element, final positions (n, 3) [m], and the outcome."""
     x, fixed, elements, kind = torn.net()
-    there = np.unique(elements)  # all but the corners
-    numbers = np.column_stack([there, x[there], fixed[there], torn.loads(load, run)[there]])
+    corners = np.unique(elements)  # all but the corners
+    numbers = np.column_stack([corners, x[corners], fixed[corners], torn.loads(load, run)[corners]])
     nodes = "id,x,y,z,fixed,load_z,mass\n" + "".join(
         f"{int(p)},{a!r},{b!r},{c!r},{int(held)},{force!r},{torn.CARRIED!r}\n"
         for p, a, b, c, held, force in numbers.tolist()
@@ -54,7 +54,7 @@ def tear(workshop, load: float, run: int = 0, steps: int = torn.STEPS, fragments
         order = np.column_stack([events["step"][:], events["element"][:]])[np.sort(first)]
         v = np.zeros_like(x)
         x = x.copy()
-        x[there], v[there] = f["final/position"][: len(there)], f["final/velocity"][: len(there)]
+        x[corners], v[corners] = f["final/position"][: len(corners)], f["final/velocity"][: len(corners)]
     unbroken = np.ones(len(elements), bool)
     unbroken[order[:, 1]] = False
     return order[np.lexsort(order.T[::-1])], x, torn.outcome(unbroken, *torn.energies(x, v, unbroken))

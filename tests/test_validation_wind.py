@@ -138,8 +138,8 @@ def measured_coherence(gusts, low, along):
     of = lambda i, j: spectra(gusts, i, j)[1][band].sum()
     pairs = ((1, 4), (4, 7)) if along else ((3, 4), (4, 5))
     measured = np.mean([of(i, j) / np.sqrt(of(i, i) * of(j, j)) for i, j in pairs])
-    asked, power = coherence(n[band], *((15, 0) if along else (0, 15))), davenport(n[band])
-    return measured, asked @ power / power.sum()
+    expected, power = coherence(n[band], *((15, 0) if along else (0, 15))), davenport(n[band])
+    return measured, expected @ power / power.sum()
 
 
 @pytest.mark.parametrize("low", 0.02 * 2.0 ** np.arange(7))
@@ -153,12 +153,12 @@ def test_spectrum(gusts, compare, low):
 @pytest.mark.parametrize("low", 0.02 * 2.0 ** np.arange(5))
 @pytest.mark.parametrize("along", [True, False])
 def test_coherence(gusts, compare, along, low):
-    measured, asked = measured_coherence(gusts, low, along)
+    measured, expected = measured_coherence(gusts, low, along)
     what = f"the same: coherence 15 m {'along' if along else 'across'} the wind"
-    within = FIT_COHERENCE + 3 * (1 - asked**2) / np.sqrt(2 * low * TOTAL)
+    within = FIT_COHERENCE + 3 * (1 - expected**2) / np.sqrt(2 * low * TOTAL)
     why = "fit of the default lags 0.08; 3 standard deviations: (1 - coh^2) / sqrt(2 B T)"
     compare(f"{what}, {low:.2f} to {2 * low:.2f} Hz", "Davenport").figures(
-        measured, asked, within, why, scale=1.0
+        measured, expected, within, why, scale=1.0
     )
 
 
@@ -172,14 +172,14 @@ def exact_oscillator(time, speed, at):
     system[2, 3], system[3, 4] = 1, 1  # the load per mass, its slope and its curvature
     steps = round(dt / at)
     fine = expm(system * dt / steps)
-    found = [0.0]
+    response = [0.0]
     for a, b in itertools.pairwise(speed):
         state = np.array([*z, *(C / LUMP * np.array([a * a, 2 * a * (b - a) / dt, 2 * ((b - a) / dt) ** 2]))])
         for _ in range(steps):
             state = fine @ state
-            found.append(state[0])
+            response.append(state[0])
         z = state[:2]
-    return np.array(found)
+    return np.array(response)
 
 
 def test_oscillator_in_the_generated_wind(both_ways, compare):
@@ -258,8 +258,8 @@ def test_profile_of_the_mean_speed(both_ways, compare):
     )
     z, U = f["wind/control_point"][:, 2] + 30.0, f["wind/mean_speed"][:]
     assert np.ptp(z) > 5
-    asked = 30 * (z / 10) ** 0.2
-    worst = np.abs(U - asked).argmax()
+    expected = 30 * (z / 10) ** 0.2
+    worst = np.abs(U - expected).argmax()
     compare(f"mean speed at {len(z)} heights: the one farthest off", "U0 (z / 10 m)^0.2").figures(
-        U[worst], asked[worst], 1e-14, "a formula; rounding", "m/s"
+        U[worst], expected[worst], 1e-14, "a formula; rounding", "m/s"
     )

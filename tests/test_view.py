@@ -91,23 +91,23 @@ def test_elements_are_drawn_at_the_positions_of_the_result(broken):
         for k in range(len(frames.times)):
             lines = (drawn.start + motion.displacement[k])[drawn.ends]
             assert np.abs(lines - frames.lines(k)).max() < 1e-4  # m: single precision
-            gone = frames.cell("broken", k).astype(bool)
+            torn = frames.cell("broken", k).astype(bool)
             assert len(frames.cell("tension", k, 0, 0)) == len(frames.point("displacement", k, 0, 0)) == 0
-            assert np.array_equal(np.isnan(motion.tension[k]), gone) and motion.broken[k] == gone.sum()
-            assert np.array_equal(motion.tension[k][~gone], frames.cell("tension", k)[~gone])
+            assert np.array_equal(np.isnan(motion.tension[k]), torn) and motion.broken[k] == torn.sum()
+            assert np.array_equal(motion.tension[k][~torn], frames.cell("tension", k)[~torn])
         assert np.array_equal(rest[0].tension[0], f["form_finding/tension"][:])
         assert np.array_equal(drawn.start, start_position(f)[drawn.origin])
 
 
 @pytest.mark.parametrize(
-    "broken_ones, seen", [([], [0, 1]), ([1], [0]), ([0], [0, 1, 2]), ([0, 1, 2], [0, 1, 2])]
+    "broken_ones, expected", [([], [0, 1]), ([1], [0]), ([0], [0, 1, 2]), ([0, 1, 2], [0, 1, 2])]
 )
-def test_the_view_follows_the_supported_part(broken_ones, seen):
+def test_the_view_follows_the_supported_part(broken_ones, expected):
     """Two elements hang on node 0 in a row, a third one falls. If no part is supported, all count."""
     frames = Mock(there=np.ones(3, bool))
     frames.ends.return_value = np.array([[0, 1], [1, 2], [3, 4]])
     frames.broken.return_value = np.isin(np.arange(3), broken_ones)
-    assert np.flatnonzero(select_hanging(frames, 0, np.array([0]))).tolist() == seen
+    assert np.flatnonzero(select_hanging(frames, 0, np.array([0]))).tolist() == expected
 
 
 def test_a_large_result_is_thinned_with_a_note(broken, monkeypatch):
@@ -157,28 +157,28 @@ def test_a_page_needs_no_other_files(its_page):
 @needs_browser
 def test_the_page_draws_and_plays(its_page, broken):
     """The browser reports the times of the frames and the positions of lines. Playing changes the picture."""
-    with browser.browser() as seen, h5py.File(broken) as f:
-        seen.open(its_page)
-        seen.run("return netfall.then(() => 1)")
+    with browser.browser() as tab, h5py.File(broken) as f:
+        tab.open(its_page)
+        tab.run("return netfall.then(() => 1)")
         frames = Frames(f)
-        assert seen.run("return K3DInstance.then(k => k.getTimeSeriesInfo().times)") == frames.times.tolist()
-        first = seen.picture()
+        assert tab.run("return K3DInstance.then(k => k.getTimeSeriesInfo().times)") == frames.times.tolist()
+        first = tab.picture()
         some = int(np.argmax([frames.cell("broken", k).any() for k in range(len(frames.times))]))
         for step in (some, len(frames.times) - 1):
-            seen.run(f"return K3DInstance.then(k => k.setTime({frames.times[step]})).then(() => 1)")
+            tab.run(f"return K3DInstance.then(k => k.setTime({frames.times[step]})).then(() => 1)")
             drawn = {
-                kind: seen.run(f"return netfall.then(s => [...s.kinds[{kind}].vertices])")
+                kind: tab.run(f"return netfall.then(s => [...s.kinds[{kind}].vertices])")
                 for kind in ("TAUT", "SLACK", "BROKEN")
             }
             compare_lines(drawn, f, step)
-        assert seen.picture() != first
-        seen.run("document.getElementById('play').click()")
-        one = seen.run("return netfall.then(s => s.frame)")
-        wait_for(lambda: seen.run("return netfall.then(s => s.frame)") != one)
-        seen.run("return netfall.then(s => choose(s, 1))")
-        assert seen.run("return document.getElementById('foot').style.display") == "none"
-        assert seen.run("return performance.getEntriesByType('resource').map(r => r.name)") == []
-        assert seen.faults() == []
+        assert tab.picture() != first
+        tab.run("document.getElementById('play').click()")
+        one = tab.run("return netfall.then(s => s.frame)")
+        wait_for(lambda: tab.run("return netfall.then(s => s.frame)") != one)
+        tab.run("return netfall.then(s => choose(s, 1))")
+        assert tab.run("return document.getElementById('foot').style.display") == "none"
+        assert tab.run("return performance.getEntriesByType('resource').map(r => r.name)") == []
+        assert tab.faults() == []
 
 
 ROLLER = {  # a strut from a support to a node that runs along x, and ropes over one that is held along y
@@ -203,13 +203,13 @@ def test_partly_held_nodes_have_their_own_colour(tmp_path):
         run(ROLLER, output=tmp_path / "r.vtkhdf").close()
     run_on_standing_ranks("view", tmp_path / "r.vtkhdf")
     mark = "const at = s.k3d.getWorld().ObjectsListJson[{}]; return [...at.positions.data, at.color]"
-    with browser.browser() as seen:
-        seen.open(tmp_path / "r.html")
+    with browser.browser() as tab:
+        tab.open(tmp_path / "r.html")
         marks = [
-            seen.run(f"return netfall.then(s => {{ {mark.format(k)}; }})") for k in ("SUPPORTS", "GUIDED")
+            tab.run(f"return netfall.then(s => {{ {mark.format(k)}; }})") for k in ("SUPPORTS", "GUIDED")
         ]
         assert marks == [[0, 0, 0, 0x111111], [4, 0, 1, 8, 0, 0, 0x7A4B00]]
-        assert seen.faults() == []
+        assert tab.faults() == []
 
 
 @needs_k3d
@@ -222,14 +222,14 @@ def test_squares_are_at_the_supports_of_the_state(tmp_path):
     run_on_standing_ranks("view", tmp_path / "r.vtkhdf")
     marks = "const of = (k) => { const at = s.k3d.getWorld().ObjectsListJson[k];"
     marks += "return at.visible ? [...at.positions.data] : []; }; return [of(SUPPORTS), of(GUIDED)];"
-    with browser.browser() as seen:
-        seen.open(tmp_path / "r.html")
+    with browser.browser() as tab:
+        tab.open(tmp_path / "r.html")
         for k, (full, guided) in enumerate([([[0, 0, 0], [4, 0, 1]], [[8, 0, 0]]), (last[:1], last[2:])]):
             choice = f"choose(s, s.page.states.findIndex(t => t.name.includes('{stages[k]['name']}')));"
-            at = seen.run(f"return netfall.then(s => {{ {choice} {marks} }})")
+            at = tab.run(f"return netfall.then(s => {{ {choice} {marks} }})")
             assert np.allclose(at[0], np.ravel(full), atol=1e-3), (k, at)
             assert np.allclose(at[1], np.ravel(guided), atol=1e-2), (k, at)
-        assert seen.faults() == []
+        assert tab.faults() == []
 
 
 @needs_k3d
@@ -244,27 +244,27 @@ def test_each_view_shows_the_whole_net_and_a_click_selects_an_element(its_page):
         "const at = (k) => camera.position.clone().set(...place(k)).project(camera);"
         "return [...Array(n).keys()].map(k => at(k).toArray()); })"
     )
-    with browser.browser() as seen:
-        seen.open(its_page)
+    with browser.browser() as tab:
+        tab.open(its_page)
         for side in ("plan", "front", "side", "space"):
-            seen.run(f"return netfall.then(() => document.querySelector('[data-view={side}]').click())")
+            tab.run(f"return netfall.then(() => document.querySelector('[data-view={side}]').click())")
             time.sleep(0.5)  # until it is drawn, or somewhat later
-            wait_for(lambda: np.abs(np.array(seen.run(points))).max() < 1.0)
-            in_sight = lambda told: len(told) > 8 and not any("1000px" in each for each in told)
-            wait_for(lambda: in_sight(seen.run(shown)))  # there k3d puts what is hidden
-        seen.run("return netfall.then(s => { s.picked = 3; draw(s); })")
+            wait_for(lambda: np.abs(np.array(tab.run(points))).max() < 1.0)
+            in_sight = lambda labels: len(labels) > 8 and not any("1000px" in each for each in labels)
+            wait_for(lambda: in_sight(tab.run(shown)))  # where k3d puts hidden labels
+        tab.run("return netfall.then(s => { s.picked = 3; draw(s); })")
         marked, drawn = (f"return netfall.then(s => [...s.kinds[{k}].vertices])" for k in ("PICKED", "TAUT"))
-        assert seen.run(marked) == seen.run(drawn)[18:24]
-        assert seen.run("return document.getElementById('picked').textContent").startswith("element 3")
-        assert seen.faults() == []
+        assert tab.run(marked) == tab.run(drawn)[18:24]
+        assert tab.run("return document.getElementById('picked').textContent").startswith("element 3")
+        assert tab.faults() == []
 
 
 @needs_k3d
 @needs_browser
 def test_a_browser_that_cannot_draw_shows_a_message(its_page):
-    with browser.browser("--disable-3d-apis") as seen:
-        seen.open(its_page)
-        assert "WebGL is switched off" in seen.run("return document.getElementById('fault').textContent")
+    with browser.browser("--disable-3d-apis") as tab:
+        tab.open(its_page)
+        assert "WebGL is switched off" in tab.run("return document.getElementById('fault').textContent")
 
 
 @needs_k3d
@@ -276,15 +276,15 @@ def test_a_compressed_bar_has_no_utilisation_in_tension(tmp_path):
     page.write_page(tmp_path / "r.vtkhdf", tmp_path / "r.html")
     choose = "document.getElementById('state').value = s.page.states.length - 1;"
     choose += "document.getElementById('state').dispatchEvent(new Event('change'));"
-    with browser.browser() as seen:
-        seen.open(tmp_path / "r.html")
-        told = [
-            seen.run(f"""return netfall.then(s => {{ {choose} s.picked = {element}; tellPicked(s);
+    with browser.browser() as tab:
+        tab.open(tmp_path / "r.html")
+        texts = [
+            tab.run(f"""return netfall.then(s => {{ {choose} s.picked = {element}; tellPicked(s);
                 return document.getElementById('picked').textContent }})""")
             for element in (0, 2)
         ]
-    assert "ultimate none" in told[1] and "force -" in told[1]
-    assert "none" not in told[0]
+    assert "ultimate none" in texts[1] and "force -" in texts[1]
+    assert "none" not in texts[0]
 
 
 @needs_k3d
@@ -296,10 +296,10 @@ def test_a_net_in_survey_coordinates_is_drawn_exactly(tmp_path):
     cable = {"modulus": 1.6e11, "area": 5e-4, "density": 7850.0}
     run({"net": net, "cable": cable, "load": {"steps": 1}}, output=tmp_path / "r.vtkhdf").close()
     page.write_page(tmp_path / "r.vtkhdf", tmp_path / "r.html")
-    with browser.browser() as seen:
-        seen.open(tmp_path / "r.html")
-        drawn = np.reshape(seen.run("return netfall.then(s => [...s.page.start])"), (-1, 3))
-        low, high = np.array(seen.run("return netfall.then(s => s.page.window)"))
+    with browser.browser() as tab:
+        tab.open(tmp_path / "r.html")
+        drawn = np.reshape(tab.run("return netfall.then(s => [...s.page.start])"), (-1, 3))
+        low, high = np.array(tab.run("return netfall.then(s => s.page.window)"))
     assert drawn - drawn[0] == pytest.approx(nodes, abs=1e-5)
     assert (drawn >= low).all() and (drawn <= high).all()
     assert (page.far_origin(np.array([[0.0, -50.0, 0.0], [8.0, 50.0, 1.0]])) == 0.0).all()
@@ -323,13 +323,13 @@ def test_the_colours_show_the_overload_of_one_state(tmp_path):
         list.dispatchEvent(new Event('change'));
     }"""
     colours = "return netfall.then(s => [...s.kinds[TAUT].colours].filter((_, k) => k % 2))"
-    with browser.browser() as seen:
-        seen.open(tmp_path / "r.html")
-        seen.run(f"return netfall.then(() => {{ {choose} return 1 }})")
+    with browser.browser() as tab:
+        tab.open(tmp_path / "r.html")
+        tab.run(f"return netfall.then(() => {{ {choose} return 1 }})")
         over = tension > 200e3 / 1.5
         assert over.any() and not over.all()
-        assert ([colour == int(OVERUSED_COLOUR[1:], 16) for colour in seen.run(colours)] == over).all()
-        assert "magenta: above 1" in seen.run("return document.getElementById('legend').textContent")
+        assert ([colour == int(OVERUSED_COLOUR[1:], 16) for colour in tab.run(colours)] == over).all()
+        assert "magenta: above 1" in tab.run("return document.getElementById('legend').textContent")
 
 
 def compare_lines(drawn: dict[str, list], f, step: int) -> None:
@@ -337,14 +337,14 @@ def compare_lines(drawn: dict[str, list], f, step: int) -> None:
     frames, x = Frames(f), start_position(f)
     lines, N = frames.lines(step), frames.cell("tension", step)
     reach = MAX_DRAWN_DISPLACEMENT * np.ptp(x, axis=0).max()
-    near = np.abs(lines - x[f["net/elements"][:]]).max((1, 2)) <= reach
-    gone = frames.cell("broken", step).astype(bool)
-    for kind, rows in {"TAUT": ~gone & (N != 0), "SLACK": ~gone & (N == 0), "BROKEN": gone}.items():
+    is_drawn = np.abs(lines - x[f["net/elements"][:]]).max((1, 2)) <= reach
+    broken = frames.cell("broken", step).astype(bool)
+    for kind, rows in {"TAUT": ~broken & (N != 0), "SLACK": ~broken & (N == 0), "BROKEN": broken}.items():
         vertices = np.array(drawn[kind], float).reshape(-1, 2, 3)  # None, of NaN, becomes nan
-        there = ~np.isnan(vertices).any((1, 2))
-        assert np.array_equal(there, rows & near), kind
+        has_line = ~np.isnan(vertices).any((1, 2))
+        assert np.array_equal(has_line, rows & is_drawn), kind
         # half of the unit; single precision adds a tenth of it
-        assert not there.any() or np.abs(vertices - lines)[there].max() < 0.6 * reach / MAX_CODE, kind
+        assert not has_line.any() or np.abs(vertices - lines)[has_line].max() < 0.6 * reach / MAX_CODE, kind
 
 
 def shares_of(made, name: str) -> np.ndarray:
@@ -376,13 +376,13 @@ def test_the_page_of_a_study_shows_a_kept_sample(broken, tmp_path):
     (tmp_path / "s.samples").mkdir()
     for k in (1, 2):
         shutil.copy(broken, tmp_path / "s.samples" / f"{k:06d}.vtkhdf")
-    told = read_study(tmp_path / "s.study.h5")
-    made = sample_page(told, tmp_path / "s.samples", choose_sample(told, tmp_path / "s.samples", None))
+    study = read_study(tmp_path / "s.study.h5")
+    made = sample_page(study, tmp_path / "s.samples", choose_sample(study, tmp_path / "s.samples", None))
     assert made.data["title"] == "a roof, sample 2" and len(made.data["states"][0]["time"]) == 26
     assert shares_of(made, "first to break")[7] == 1.0
-    assert choose_sample(told, tmp_path / "s.samples", 1) == 1
+    assert choose_sample(study, tmp_path / "s.samples", 1) == 1
     with pytest.raises(InputError, match=r"--sample 0: no file .*000000"):
-        choose_sample(told, tmp_path / "s.samples", 0)
+        choose_sample(study, tmp_path / "s.samples", 0)
 
 
 def test_a_page_does_not_replace_a_result_or_job(broken, tmp_path):

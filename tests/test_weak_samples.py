@@ -50,9 +50,9 @@ def weak_job(workshop, strength, more="steps = 1", load=0.0):
 def test_a_sample_that_is_too_weak_has_failed(workshop, strength, more, load, code):
     """Strength, length, erection or load: such samples count in the failed share."""
     job = weak_job(workshop, strength, more, load)
-    found = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache())
-    assert code in found["reason"] and found["state"] == "no_equilibrium"
-    assert (found["first_fracture"], found["detached_area"]) == (0.0, 1.0)
+    outcomes = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache())
+    assert code in outcomes["reason"] and outcomes["state"] == "no_equilibrium"
+    assert (outcomes["first_fracture"], outcomes["detached_area"]) == (0.0, 1.0)
 
 
 def test_a_wrong_sample_has_not_failed_by_its_strength(workshop):

@@ -167,7 +167,7 @@ def test_the_drift_is_carried_to_the_supports(shipped):
 
 
 def test_snow_and_drift_and_the_rest_are_stable_with_all_cables_taut(shipped):
-    """Each is told to be stable; by an eigenvalue of its own the tangent is positive definite."""
+    """Each is reported as stable; an independent eigenvalue shows that the tangent is positive definite."""
     f = shipped
     for name in ("cases/snow", "cases/drift", "initial_state"):
         assert f[name]["stable"][()] == 1 and f[name]["slack"][()] == 0, name
@@ -204,7 +204,7 @@ def test_it_rests_in_the_mean_wind_and_its_modes_are_about_that(shipped):
 
 @pytest.mark.long
 def test_the_same_bits_on_two_ranks_and_through_a_restart(shipped, shared_workshop):
-    """All datasets, the modes included, which a run that is taken up does not compute again."""
+    """All datasets are equal, also modes, which a resumed run does not compute again."""
     job = ROOT / "jobs" / "wheel.toml"
     with shared_workshop.run(job, *SHORT, ranks=2, output="two.vtkhdf") as two:
         assert assert_same_results(shipped, two) > 90

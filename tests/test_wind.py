@@ -53,9 +53,9 @@ def test_measured_wind_at_several_points(workshop):
     free = ~f["net/fixed"][:].astype(bool).all(1)
     x, v = f["net/particles"][:][free], f["final/velocity"][:][free, 2]
     mass = 7850 * 683.08e-6 * 20 / (1 + 100e3 / (1.95e11 * 683.08e-6))
-    near, far = 1 / np.hypot(x[:, 0] + 15, x[:, 1]) ** 2, 1 / np.hypot(x[:, 0] - 15, x[:, 1]) ** 2
+    left, right = 1 / np.hypot(x[:, 0] + 15, x[:, 1]) ** 2, 1 / np.hypot(x[:, 0] - 15, x[:, 1]) ** 2
     # all nodes are 10 m above ground, the places 15 m and 40 m
-    speed = (near * 20 * (10 / 15) ** 0.2 + far * 30 * (10 / 40) ** 0.2) / (near + far)
+    speed = (left * 20 * (10 / 15) ** 0.2 + right * 30 * (10 / 40) ** 0.2) / (left + right)
     # the net barely resists within 2 ms, the neighbours in proportion to the difference of speeds
     assert np.allclose(v, 100 * 0.625 * speed**2 * 0.002 / mass, rtol=5e-3)
     assert np.ptp(speed) > 2
@@ -147,15 +147,15 @@ def test_check_describes_the_gusts(workshop):
     S = S / S.sum()
     # mean over time of (1 - s)^2 + s^2 + 2 s (1 - s) R
     between = (1 - (S * np.cos(2 * np.pi * n * 0.05)).sum()) / 3
-    told = float(re.search(r"interpolation removes ([\d.]+)%", lines[2])[1])
-    assert told == pytest.approx(100 * between, abs=0.02)  # digits; a uniform grid here
+    match = float(re.search(r"interpolation removes ([\d.]+)%", lines[2])[1])
+    assert match == pytest.approx(100 * between, abs=0.02)  # digits; a uniform grid here
     assert re.search(r"differs from that of Davenport's coherence by \S+ over the roof \(root", lines[3])
     assert [line.split(":")[1][:14] for line in lines[4:]] == [" [wind] surfac"]
     line = checked(workshop, "surface_drag = 0.05\ncoherence_decay = [100.0, 200.0, 100.0]\n")[-1]
-    told = re.search(
+    match = re.search(
         r"standard deviation is ([\d.]+) times that of the coherence, at ([\d.]+) Hz ([\d.]+) times", line
     )
-    assert 1.1 <= float(told[1]) < float(told[3]) and 0.8 < float(told[2]) < 1.25
+    assert 1.1 <= float(match[1]) < float(match[3]) and 0.8 < float(match[2]) < 1.25
     line = checked(workshop, 'surface_drag = 0.05\ngust_field = "area_mean"\n')[4]
     share = re.search(r"a node has (\d+)% to (\d+)% of the standard deviation", line)
     assert 50 < float(share[1]) < float(share[2]) < 110
@@ -179,15 +179,15 @@ def test_expected_gust_factor():
     # records of 0.0063 s hold fewer gusts; 1.56 sigma: of records of 26,000 s
     assert expected_gust_factor(gust, dt / 8, 4.0) == pytest.approx(1 + sigma / speed * 1.56, abs=0.01)
     g = np.sqrt(2 * np.log(1e5 * np.sqrt((n**2 * S).sum() / S.sum())))  # too long for records
-    told = expected_gust_factor(gust, dt, 1e5)
-    assert told == pytest.approx(1 + sigma / speed * (g + 0.5772 / g), abs=0.01)
+    expected = expected_gust_factor(gust, dt, 1e5)
+    assert expected == pytest.approx(1 + sigma / speed * (g + 0.5772 / g), abs=0.01)
 
 
 def test_check_names_the_losses_of_time_step_and_lags(workshop):
     """A step of 0.5 s, two lags, coefficients independent of the direction; no note if all is well."""
     lines = checked(workshop, "turbulence_intensity = 0.18\ntime_step = 0.5\nar_order = 2\ndirection = 30\n")
-    told = ("time_step = 0.5:", "ar_order = 2: the spectrum", "direction = 30 (from 210 degrees):")
-    notes = [next(line for line in lines if word in line) for word in told]
+    places = ("time_step = 0.5:", "ar_order = 2: the spectrum", "direction = 30 (from 210 degrees):")
+    notes = [next(line for line in lines if word in line) for word in places]
     assert len(lines) == 7 and all(note.startswith(("note: ", "warning: ")) for note in notes), lines
     above, rest = (1 + 30.0**2) ** (-1 / 3), float(re.search(r"([\d.]+)% of the variance", notes[0])[1])
     assert above < rest / 100 < 1.7 * above  # with what interpolation takes, which is less
@@ -211,14 +211,14 @@ def test_gusts_without_load_have_no_note(workshop):
 
 @pytest.mark.parametrize("points, weak", [(9, True), (49, False)])
 def test_means_that_are_weak_at_nodes_are_noted(workshop, points, weak):
-    said = checked(
+    lines = checked(
         workshop,
         f'surface_drag = 0.03\ncontrol_points = {points}\ngust_field = "area_mean"\n'
         "coherence_decay = [24.0, 60.0, 10.0]\n",
     )
-    least = re.search(r"a node has (\d+%) to", " ".join(said))[1]
-    notes = [line for line in said if line.startswith("warning") and '"area_mean"' in line]
-    assert len(notes) == weak and all(f"(smallest {least})" in note for note in notes), said
+    least = re.search(r"a node has (\d+%) to", " ".join(lines))[1]
+    notes = [line for line in lines if line.startswith("warning") and '"area_mean"' in line]
+    assert len(notes) == weak and all(f"(smallest {least})" in note for note in notes), lines
 
 
 def facade_tables() -> tuple[str, str]:
@@ -237,20 +237,20 @@ def facade_tables() -> tuple[str, str]:
 def test_a_facade_from_tables_has_gusts_over_its_height(workshop, gusts):
     """Each decay changes the gusts. `check` and /wind state the difference from the coherence."""
     keys = f"turbulence_intensity = 0.18\ngust_field = '{gusts}'\nMORE\n"
-    text, found = STEEL + BLOW.replace("surface_drag = {k}\n", keys).format(u=1.0), []
+    text, errors = STEEL + BLOW.replace("surface_drag = {k}\n", keys).format(u=1.0), []
     for decay in ("[8.0, 16.0, 10.0]", "[8.0, 4.0, 10.0]", "[8.0, 16.0, 1.0]", "[8.0, 16.0, 300.0]"):
         job = read_job(workshop.job(text.replace("MORE", f"coherence_decay = {decay}"), *facade_tables()))
         field = model_of(job).wind_field
         load = np.bincount(field.corner.ravel(), (field.force[:, :1] * field.weight).ravel())
-        found.append(np.sqrt(load @ field.model.covariance @ load))
-    assert found[1] > 1.02 * found[0] and found[3] < 0.6 * found[0], found
+        errors.append(np.sqrt(load @ field.model.covariance @ load))
+    assert errors[1] > 1.02 * errors[0] and errors[3] < 0.6 * errors[0], errors
     # gusts at points are too strong, the more so the less they are alike: with 1 about the load of 10
-    assert found[2] > 1.02 * found[0] if gusts == "area_mean" else found[2] != found[0], found
+    assert errors[2] > 1.02 * errors[0] if gusts == "area_mean" else errors[2] != errors[0], errors
     job = workshop.job(text.replace("MORE\n", ""), *facade_tables())
     (line,) = re.findall("gusts: the correlation.*", run_on_standing_ranks("check", job).stdout)
-    told = re.search(r"by (\S+) over the roof, (\S+) in height \(root mean", line)
-    kept = workshop.run(job)["wind/coherence_error"][:]
-    assert [f"{error:.2g}" for error in kept] == [told[1], told[2]] and (kept < 0.3).all()
+    match = re.search(r"by (\S+) over the roof, (\S+) in height \(root mean", line)
+    computed = workshop.run(job)["wind/coherence_error"][:]
+    assert [f"{error:.2g}" for error in computed] == [match[1], match[2]] and (computed < 0.3).all()
 
 
 def test_result_keeps_what_is_known_of_the_gusts(workshop):

@@ -57,9 +57,9 @@ def zones_at(job, net=None):
     return make_zones(job, net, RoofFaces(none, tributary_areas(net.x, net, none)))
 
 
-def places(net, found, name: str) -> set[tuple[float, float]]:
+def places(net, zoned, name: str) -> set[tuple[float, float]]:
     """Return the positions of a zone's nodes in plan."""
-    return {tuple(p) for p in net.x[found.of_node == found.names.index(name), :2].tolist()}
+    return {tuple(p) for p in net.x[zoned.of_node == zoned.names.index(name), :2].tolist()}
 
 
 def lines_of(workshop, text: str, *overrides, column=lambda x, y: "") -> list[str]:
@@ -71,16 +71,16 @@ def lines_of(workshop, text: str, *overrides, column=lambda x, y: "") -> list[st
 def test_a_polygon_has_the_nodes_inside_and_on_its_border(workshop):
     """A triangle has the nodes of its corners and slope: 6 nodes, also one 1e-9 m outside."""
     text = '[[zone]]\nname = "t"\npolygon = [[1, 1], [2.999999999, 1], [1, 2.999999999]]\ncut = false\n'
-    _, net, found = zones(workshop, text)
-    assert places(net, found, "t") == {(1, 1), (2, 1), (3, 1), (1, 2), (2, 2), (1, 3)}
-    assert (found.of_node == -1).sum() == SIDE**2 - 6
+    _, net, zoned = zones(workshop, text)
+    assert places(net, zoned, "t") == {(1, 1), (2, 1), (3, 1), (1, 2), (2, 2), (1, 3)}
+    assert (zoned.of_node == -1).sum() == SIDE**2 - 6
 
 
 def test_a_polygon_may_be_concave_and_closed(workshop):
     """An L with its first corner repeated at the end."""
     corners = "[[0, 0], [3, 0], [3, 0.5], [0.5, 0.5], [0.5, 2], [0, 2], [0, 0]]"
-    _, net, found = zones(workshop, f'[[zone]]\nname = "L"\npolygon = {corners}\ncut = false\n')
-    assert places(net, found, "L") == {(0, 0), (1, 0), (2, 0), (3, 0), (0, 1), (0, 2)}
+    _, net, zoned = zones(workshop, f'[[zone]]\nname = "L"\npolygon = {corners}\ncut = false\n')
+    assert places(net, zoned, "L") == {(0, 0), (1, 0), (2, 0), (3, 0), (0, 1), (0, 2)}
 
 
 def test_a_polygon_is_in_metres_for_any_unit_of_the_table(workshop):
@@ -95,20 +95,20 @@ def test_a_polygon_is_in_metres_for_any_unit_of_the_table(workshop):
 
 def test_groups_have_the_nodes_of_their_elements(workshop):
     """Each node of the grid is the end of a cable along x. A group of one cable has two nodes."""
-    _, _, found = zones(workshop, '[[zone]]\nname = "a"\ngroups = ["x"]\n')
-    assert (found.of_node == 0).all()
+    _, _, zoned = zones(workshop, '[[zone]]\nname = "a"\ngroups = ["x"]\n')
+    assert (zoned.of_node == 0).all()
     nodes, elements = grid()
     path = workshop.job(STEEL + '[[zone]]\nname = "a"\ngroups = ["ridge"]\n', nodes, elements[:-1] + "ridge")
     job = read_job(path, [])
-    found = zones_at(job)
-    assert np.flatnonzero(found.of_node == 0).tolist() == [node(5, 4), node(5, 5)]
+    zoned = zones_at(job)
+    assert np.flatnonzero(zoned.of_node == 0).tolist() == [node(5, 4), node(5, 5)]
 
 
 def test_the_column_names_zones_with_and_without_an_entry(workshop):
     column = lambda x, y: {0: "west", 5: "east"}.get(x, "")
-    _, net, found = zones(workshop, "", column=column)
-    assert found.names == ["east", "west"]
-    assert places(net, found, "west") == {(0, y) for y in range(SIDE)}
+    _, net, zoned = zones(workshop, "", column=column)
+    assert zoned.names == ["east", "west"]
+    assert places(net, zoned, "west") == {(0, y) for y in range(SIDE)}
     _, _, named = zones(workshop, '[[zone]]\nname = "west"\n', column=column)
     assert named.names == ["west", "east"]
 
@@ -116,16 +116,16 @@ def test_the_column_names_zones_with_and_without_an_entry(workshop):
 def test_a_node_in_several_zones_belongs_to_the_last(workshop):
     """In the order of entries. Zones of the column follow, unless an entry sets their position."""
     both = square("low", 0, 0, 3, 3), square("high", 2, 2, 5, 5)
-    _, net, found = zones(workshop, "".join(both))
-    assert (2, 2) in places(net, found, "high") and len(places(net, found, "low")) == 16 - 4
-    _, net, found = zones(workshop, "".join(both[::-1]))
-    assert (2, 2) in places(net, found, "low") and len(places(net, found, "high")) == 16 - 4
+    _, net, zoned = zones(workshop, "".join(both))
+    assert (2, 2) in places(net, zoned, "high") and len(places(net, zoned, "low")) == 16 - 4
+    _, net, zoned = zones(workshop, "".join(both[::-1]))
+    assert (2, 2) in places(net, zoned, "low") and len(places(net, zoned, "high")) == 16 - 4
     column = lambda x, y: "own" if (x, y) == (2, 2) else ""
-    _, net, found = zones(workshop, "".join(both), column=column)
-    assert places(net, found, "own") == {(2, 2)}
-    _, net, found = zones(workshop, '[[zone]]\nname = "own"\n' + "".join(both), column=column)
-    assert places(net, found, "own") == set()
-    (line,) = found.notes
+    _, net, zoned = zones(workshop, "".join(both), column=column)
+    assert places(net, zoned, "own") == {(2, 2)}
+    _, net, zoned = zones(workshop, '[[zone]]\nname = "own"\n' + "".join(both), column=column)
+    assert places(net, zoned, "own") == set()
+    (line,) = zoned.notes
     assert line.startswith('warning: zone "own": later zones ("low", "high") cover 100% of it.')
 
 
@@ -148,18 +148,18 @@ def test_a_column_gives_shares_of_zones(workshop):
     """
     job = read_job(workshop.job(STEEL + OF_DRIFT, SHARED, CHAIN), ["net.subdivide=2"])
     net = build_net(job)
-    found = zones_at(job, net)
-    assert found.names == ["drift", "edge"]
-    assert found.spread(job.load, "snow").tolist() == [350, 300, 300, 100, 300, 100, 100]
-    assert found.share[:4, :2].tolist() == [[0.5, 0.25], [0.5, 0], [0, 1], [0, 0]]
+    zoned = zones_at(job, net)
+    assert zoned.names == ["drift", "edge"]
+    assert zoned.spread(job.load, "snow").tolist() == [350, 300, 300, 100, 300, 100, 100]
+    assert zoned.share[:4, :2].tolist() == [[0.5, 0.25], [0.5, 0], [0, 1], [0, 0]]
     names = '[[zone]]\nname = "drift"\n[[zone]]\nname = "edge"\n'
     rest = "[load.zone.rest]\nsnow = 0.0\n"
     job = read_job(
         workshop.job(STEEL + OF_DRIFT + rest + square("rest", -1, -1, 9, 1) + names, SHARED, CHAIN)
     )
-    found = zones_at(job)
-    assert found.names == ["rest", "drift", "edge"]
-    assert found.spread(job.load, "snow").tolist() == [325, 250, 300, 0]
+    zoned = zones_at(job)
+    assert zoned.names == ["rest", "drift", "edge"]
+    assert zoned.spread(job.load, "snow").tolist() == [325, 250, 300, 0]
 
 
 @pytest.mark.parametrize(
@@ -189,15 +189,15 @@ def test_shares_and_cuts_exclude_each_other(workshop):
 def test_subdivision_continues_the_zones(workshop):
     """By position in a polygon, by element in groups, in a column if both ends are in the zone."""
     halves = "net.subdivide=2"
-    _, net, found = zones(workshop, square("a", 0, 0, 1.5, 0.1), halves)
-    assert places(net, found, "a") == {(0, 0), (0.5, 0), (1, 0), (1.5, 0)}
-    _, net, found = zones(workshop, '[[zone]]\nname = "a"\ngroups = ["x"]\n', halves)
+    _, net, zoned = zones(workshop, square("a", 0, 0, 1.5, 0.1), halves)
+    assert places(net, zoned, "a") == {(0, 0), (0.5, 0), (1, 0), (1.5, 0)}
+    _, net, zoned = zones(workshop, '[[zone]]\nname = "a"\ngroups = ["x"]\n', halves)
     half = {(x / 2, float(y)) for x in range(2 * SIDE - 1) for y in range(SIDE)}
-    assert places(net, found, "a") == half
+    assert places(net, zoned, "a") == half
     column = lambda x, y: {0: "a", 1: "b"}.get(y, "") if x < 2 else ""
-    _, net, found = zones(workshop, "", halves, column=column)
-    assert places(net, found, "a") == {(0, 0), (0.5, 0), (1, 0)}
-    assert places(net, found, "b") == {(0, 1), (0.5, 1), (1, 1)}
+    _, net, zoned = zones(workshop, "", halves, column=column)
+    assert places(net, zoned, "a") == {(0, 0), (0.5, 0), (1, 0)}
+    assert places(net, zoned, "b") == {(0, 1), (0.5, 1), (1, 1)}
 
 
 def test_values_of_zones_replace_those_of_the_section(workshop):
@@ -205,14 +205,14 @@ def test_values_of_zones_replace_those_of_the_section(workshop):
     text = "[load]\nself_weight = false\n"
     text += "dead = 5.0\n[load.zone.a]\nsnow = 750.0\npressure = [0, 0, -1]\n[load.zone.b]\nsnow = 0.0\n"
     text += square("a", 0, 0, 0.5, 0.5) + square("b", 5, 5, 6, 6)
-    job, _, found = zones(workshop, text)
+    job, _, zoned = zones(workshop, text)
     snow = np.zeros(SIDE**2)
     snow[node(0, 0)] = 750.0
-    assert found.spread(job.load, "snow").tolist() == snow.tolist()
-    assert found.spread(job.load, "dead").tolist() == [5.0] * SIDE**2
-    parts = found.parts(job.load, "snow")
+    assert zoned.spread(job.load, "snow").tolist() == snow.tolist()
+    assert zoned.spread(job.load, "dead").tolist() == [5.0] * SIDE**2
+    parts = zoned.parts(job.load, "snow")
     assert [(value, int(nodes.sum())) for value, nodes in parts] == [(0.0, SIDE**2 - 1), (750.0, 1)]
-    parts = found.parts(job.load, "pressure")
+    parts = zoned.parts(job.load, "pressure")
     assert [(value, int(nodes.sum())) for value, nodes in parts] == [(None, SIDE**2 - 1), ([0, 0, -1], 1)]
     assert np.flatnonzero(parts[1][1]).tolist() == [node(0, 0)]
     assert job.loads("pressure") == [None, [0, 0, -1]]
@@ -220,15 +220,15 @@ def test_values_of_zones_replace_those_of_the_section(workshop):
 
 def test_set_reaches_the_values_of_zones(workshop):
     text = STILL + WIND + "[wind.zone.a]\npressure_coefficient = -2.2\n" + square("a", 0, 0, 1, 1)
-    job, _, found = zones(workshop, text, "wind.zone.a.pressure_coefficient=-2", "load.zone.a.snow=1500")
+    job, _, zoned = zones(workshop, text, "wind.zone.a.pressure_coefficient=-2", "load.zone.a.snow=1500")
     assert job.wind.zone_values("pressure_coefficient") == {"a": -2.0}
     assert job.load.zone_values("snow") == {"a": 1500.0}
-    assert found.spread(job.wind, "pressure_coefficient").tolist().count(-2.0) == 4
+    assert zoned.spread(job.wind, "pressure_coefficient").tolist().count(-2.0) == 4
 
 
 def test_a_zone_without_nodes_is_a_warning(workshop):
-    _, _, found = zones(workshop, square("a", 0, 0, 1, 1) + square("off", 100, 0, 101, 1))
-    (line,) = found.notes
+    _, _, zoned = zones(workshop, square("a", 0, 0, 1, 1) + square("off", 100, 0, 101, 1))
+    (line,) = zoned.notes
     assert line.startswith('warning: zone "off": no node lies in it.') and "in m in plan" in line
 
 
@@ -522,13 +522,13 @@ def test_a_zone_without_roof_area_is_a_warning(workshop):
     nodes, elements = grid()
     bare = 'warning: zone "a": no effect: its nodes have no roof area, on which its values act. '
 
-    def told(more):
+    def has_warning(more):
         model = model_of(read_job(workshop.job(text + more, nodes, elements)))
         return any(note.startswith(bare) for note in model.start_notes)
 
     around = [[x + 0.5, y + 0.5] for x in (0, 1) for y in (0, 1)]
-    assert told(f"[roof]\nopenings = {around}\n")
-    assert not told(f"[roof]\nopenings = {around[1:]}\n")
+    assert has_warning(f"[roof]\nopenings = {around}\n")
+    assert not has_warning(f"[roof]\nopenings = {around[1:]}\n")
 
 
 def test_loads_of_a_zone_alone_need_areas_and_normals(workshop):
@@ -562,8 +562,8 @@ def test_snow_on_half_of_a_roof_is_half_of_the_load(workshop):
             model = model_of(read_job(workshop.job(STEEL + SNOW + shape("half", 0, 0, edge, 5), *grid())))
             loads[edge, shape] = -model.loading.live.sum(0)[2]
             notes = [note for note in model.layout.notes if "cut = true" in note]
-            told = "of its 12.5 m2 in plan 2.5 m2 (20.0%) lie outside its polygon; 0 m2 inside do not belong"
-            assert [told in note for note in notes] == ([True] if (edge, shape) == (2.0, square) else [])
+            fact = "of its 12.5 m2 in plan 2.5 m2 (20.0%) lie outside its polygon; 0 m2 inside do not belong"
+            assert [fact in note for note in notes] == ([True] if (edge, shape) == (2.0, square) else [])
     assert loads == {(2.5, shape): 1250.0 for shape in (square, cut, rectangle)} | {
         (2.0, square): 1250.0,
         (2.0, cut): 1000.0,
@@ -618,14 +618,14 @@ def test_the_overlap_of_cut_zones_belongs_to_the_last(workshop):
     text = cut("a", 0, 0, 2, 5) + cut("b", 1.75, 0, 5, 5)
     _, net, _ = zones(workshop, text)
     job = read_job(workshop.job(STEEL + text, *grid()))
-    found = make_zones(job, net, find_roof(job, net))
+    zoned = make_zones(job, net, find_roof(job, net))
     row = [node(2, y) for y in range(SIDE)]
-    assert found.share[row] == pytest.approx(np.tile([0.25, 0.75, 0.0], (SIDE, 1)), abs=1e-14)
-    assert (found.of_node[row] == 1).all() and (found.share[:, :2].sum(1) == 1.0).all()
+    assert zoned.share[row] == pytest.approx(np.tile([0.25, 0.75, 0.0], (SIDE, 1)), abs=1e-14)
+    assert (zoned.of_node[row] == 1).all() and (zoned.share[:, :2].sum(1) == 1.0).all()
     text = cut("a", 0, 0, 2, 5) + square("whole", 1.9, 0, 2.1, 2) + cut("b", 1.75, 0, 5, 1)
     job = read_job(workshop.job(STEEL + text, *grid()))
-    found = make_zones(job, net, find_roof(job, net))
-    shares = np.array([found.share[row, k] for k in (0, 1, 2)]).T
+    zoned = make_zones(job, net, find_roof(job, net))
+    shares = np.array([zoned.share[row, k] for k in (0, 1, 2)]).T
     # at y = 0 and 1: b over the whole; at 1 it ends in the middle of the node; 2 belongs to the zone whole
     expected = [[0, 0.25, 0.75], [0, 0.625, 0.375], [0, 1, 0], [0.5, 0, 0], [0.5, 0, 0], [0.5, 0, 0]]
     assert shares == pytest.approx(np.array(expected), abs=1e-14)

@@ -1,7 +1,7 @@
-"""Two hosts on this machine that share a network and their files, nothing else: for the tests.
+"""Two virtual hosts on this machine, which share only a network and their files, for the tests.
 
-Each is a process in network, host name and IPC namespaces of its own, which needs root; a pair of virtual
-network cards joins them. mpirun runs on the first and reaches the second by a script in the place of ssh.
+Each is a process with its own network, host name and IPC namespaces, which needs root. A pair of virtual
+network cards joins them. mpirun runs on the first and reaches the second by a script in place of ssh.
 """
 
 import shlex
@@ -19,13 +19,13 @@ def _run(*words) -> None:
 
 
 def _inside(host: subprocess.Popen) -> list[str]:
-    """The start of a command line that runs on a host."""
+    """Return the start of a command line that runs on a host."""
     return ["nsenter", "-t", str(host.pid), "--net", "--uts", "--ipc"]
 
 
 @contextmanager
 def two_hosts(mpirun: Path, folder: Path):
-    """Words of mpirun with one rank on each of two hosts, which are there as long as the block lasts."""
+    """Yield options of mpirun for one rank on each of two hosts, which exist during the block."""
     hosts = []
     try:
         for name in NAMES:
@@ -48,7 +48,7 @@ def two_hosts(mpirun: Path, folder: Path):
 
 
 def _join(one: subprocess.Popen, other: subprocess.Popen) -> None:
-    """A card in each, with an address, and a cable between them."""
+    """Put a network card with an address into each, and a cable between them."""
     peer = ["type", "veth", "peer", "name", CARD, "netns", other.pid]
     _run(*_inside(one), "ip", "link", "add", CARD, *peer)
     for host, address in zip((one, other), ADDRESSES):
@@ -57,7 +57,7 @@ def _join(one: subprocess.Popen, other: subprocess.Popen) -> None:
 
 
 def _settings(folder: Path, other: subprocess.Popen) -> list[str]:
-    """Words of mpirun, with a script that starts its daemon on the other host, and a file of the hosts."""
+    """Return options of mpirun, with a script that starts its daemon on the other host, and a host file."""
     script = folder / "instead_of_ssh.sh"
     script.write_text(f'#!/bin/sh\nshift\nexec {shlex.join(_inside(other))} sh -c "$*"\n')
     script.chmod(0o755)

@@ -1,4 +1,4 @@
-"""The rows of the validation table: netfall's figure beside another, with a tolerance that theory gives."""
+"""Rows of the validation table: netfall's value and a reference value, with a tolerance from theory."""
 
 import csv
 import math
@@ -10,7 +10,7 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Row:
-    """One comparison. difference and within: relative ones, unless a unit is given with them."""
+    """One comparison. difference and within: relative values, unless a unit is given."""
 
     theme: str
     case: str
@@ -24,20 +24,20 @@ class Row:
 
     @property
     def kind(self) -> str:
-        """What netfall's figure is compared with, by the words of its source."""
+        """Return the kind of reference, according to the words of its source."""
         if re.search("OpenSees|LAMMPS|PyConTurb|PETSc", self.source):
             return "another program"
         return "a publication" if re.search(r"\b(18|19|20)\d\d\b|published|paper", self.source) else "theory"
 
     @property
     def met(self) -> bool:
-        """Whether the difference lies within the tolerance."""
+        """Return whether the difference is within the tolerance."""
         return abs(self.difference) <= self.within
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """What is compared with what, for a row of a table."""
+    """Case and source of comparisons, for rows of a table."""
 
     table: "Table"
     theme: str
@@ -77,7 +77,7 @@ class Table:
         self.rows = [Row(*row) for row in rows]
 
     def plain(self) -> list[list]:
-        """The rows as lists of words and numbers, which one process can hand to another."""
+        """Return the rows as lists of words and numbers, which another process can read."""
         return [list(astuple(row)) for row in self.rows]
 
     def add(self, row: Row) -> None:
@@ -86,7 +86,7 @@ class Table:
         assert math.isfinite(row.difference) and row.met, row
 
     def write(self, path: Path) -> None:
-        """The table as CSV; prints how many rows it has by kind."""
+        """Write the table as CSV; print the number of rows by kind."""
         print(
             "\ncomparisons with", *(f"{kind}: {n};" for kind, n in Counter(r.kind for r in self.rows).items())
         )

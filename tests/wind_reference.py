@@ -32,7 +32,7 @@ NEARLY_ONE = 1 - 1e-9  # coherence at no frequency: a Cholesky factor needs less
 
 
 def roof() -> tuple[np.ndarray, np.ndarray]:
-    """Nodes (n, 2) [m], x along the wind and y across it, and their areas (n,) [m2]."""
+    """Return nodes (n, 2) [m], x along the wind and y across it, and their areas (n,) [m2]."""
     line = np.linspace(-0.5 * SIDE, 0.5 * SIDE, CELLS + 1)
     share = np.full(CELLS + 1, SIDE / CELLS)
     share[[0, -1]] *= 0.5
@@ -41,13 +41,13 @@ def roof() -> tuple[np.ndarray, np.ndarray]:
 
 
 def davenport(n: np.ndarray) -> np.ndarray:
-    """Davenport's spectrum (f,) [m2/s2/Hz] with the variance (I U)^2."""
+    """Return Davenport's spectrum (f,) [m2/s2/Hz] with the variance (I U)^2."""
     x = 1200.0 * n / SPEED
     return (INTENSITY * SPEED) ** 2 * 1200.0 / SPEED * 2 / 3 * x / (1 + x * x) ** (4 / 3)
 
 
 def kaimal(n: np.ndarray) -> np.ndarray:
-    """Kaimal's spectrum (f,) [m2/s2/Hz] of IEC 61400-1 at 10 m, with the variance (I U)^2."""
+    """Return Kaimal's spectrum (f,) [m2/s2/Hz] of IEC 61400-1 at 10 m, with the variance (I U)^2."""
     return (INTENSITY * SPEED) ** 2 * 4 * 56.7 / SPEED / (1 + 6 * 56.7 * n / SPEED) ** (5 / 3)
 
 
@@ -55,18 +55,18 @@ SPECTRA = {"davenport": davenport, "kaimal": kaimal, "iec": kaimal}
 
 
 def sampled_deviation(spectrum) -> float:
-    """Standard deviation [m/s] of what lies between the frequencies of a realisation's ends."""
+    """Return the standard deviation [m/s] between the lowest and highest frequency of a realisation."""
     n = np.geomspace(0.5 / DURATION, 0.5 / DT, 20_000)
     return float(np.sqrt(np.trapezoid(spectrum(n), n)))
 
 
 def of_band(n: np.ndarray, low: float) -> np.ndarray:
-    """Which of the frequencies (f,) lie in an octave."""
+    """Return the frequencies (f,) of an octave as a mask."""
     return (n >= low) & (n < 2 * low)
 
 
 def statistics(speed: np.ndarray) -> dict[str, np.ndarray]:
-    """Statistics of a realisation, total speeds (t, n) [m/s].
+    """Compute statistics of a realisation, total speeds (t, n) [m/s].
 
     deviation [m/s] at a node; gust_factor: largest mean over 3 s at a node over the mean speed; spectrum (6,)
     [m2/s2/Hz] at a node by octaves; along, across (3, 6): real part of the coherence of pairs by separation
@@ -102,7 +102,7 @@ def statistics(speed: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def stack(each: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """Statistics with the realisations along the first axis."""
+    """Stack statistics with the realisations along the first axis."""
     return {name: np.array([one[name] for one in each]) for name in each[0]}
 
 
@@ -149,10 +149,10 @@ def realisations(case: str, folder: Path) -> Iterator[np.ndarray]:
 
 
 if __name__ == "__main__":
-    found = {}
+    stored = {}
     for case in SPECTRA:
         with tempfile.TemporaryDirectory() as folder:
             values = stack([statistics(speed) for speed in realisations(case, Path(folder))])
-        found |= {f"{case}/{name}": value for name, value in values.items()}
+        stored |= {f"{case}/{name}": value for name, value in values.items()}
         print(case, {name: value.mean(0).round(4) for name, value in values.items()}, flush=True)
-    np.savez_compressed(STORED, **found)
+    np.savez_compressed(STORED, **stored)
