@@ -64,11 +64,7 @@ def events_of(samples: dict, elements: int) -> dict:
         rows += [(k, samples["first_fracture"][k], samples["first_element"][k])]
         rows += [(k, t, e) for t, e in zip(later, more)]
     sample, time, element = zip(*rows) if rows else ((), (), ())
-    return {
-        "sample": np.array(sample, int),
-        "time": np.array(time, float),
-        "element": np.array(element, int),
-    }
+    return {"sample": np.array(sample, int), "time": np.array(time, float), "element": np.array(element, int)}
 
 
 def write_study(

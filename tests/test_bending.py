@@ -28,11 +28,7 @@ from netfall.post.checks.ends import end_weights_of
 
 # Critical pressure of rings of 12, 24, 36 bars, times r^3 / EI, r of the nodes: pressure that
 # follows, that keeps its direction, that points to the centre. Limits 3, 4, 4.5.
-RINGS = {
-    12: (2.82843, 3.86370, 4.29530),
-    24: (2.95715, 3.96578, 4.44865),
-    36: (2.98096, 3.98467, 4.47717),
-}
+RINGS = {12: (2.82843, 3.86370, 4.29530), 24: (2.95715, 3.96578, 4.44865), 36: (2.98096, 3.98467, 4.47717)}
 ELASTICA = {1.0: (0.301721, 0.056433), 2.0: (0.493457, 0.160642)}  # P L^2 / EI: w / L, u / L at the tip
 TOGGLE = 33.860  # lb at 0.23 in: Williams' frame
 EULER = {"one end free": 2.0, "hinged": 1.0, "one end hinged": 0.699, "clamped": 0.5}  # K

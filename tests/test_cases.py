@@ -275,10 +275,7 @@ WRONG = [
         case("a", 'set = {"wind.speed" = 30, "wind.pressure_factor" = 900}'),
         "[[case]] a: set: wind.pressure_factor = 900: expected a number from -100 to 100",
     ),
-    (
-        case("load", 'set = {"load.snow" = 1}'),
-        '[[case]] load: name: "load" has a meaning in combinations',
-    ),
+    (case("load", 'set = {"load.snow" = 1}'), '[[case]] load: name: "load" has a meaning in combinations'),
     (
         case("a", 'set = {"wind.direction" = 30}'),
         "[[case]] a: set: wind.speed: missing; expected a number > 0 m/s",

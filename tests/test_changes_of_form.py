@@ -6,21 +6,11 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
-from conftest import (
-    STEEL,
-    assert_same_results,
-)
+from conftest import STEEL, assert_same_results
 from mpi4py import MPI
 from scipy.optimize import brentq
 from test_loads import CABLE, EA, ELEMENTS, nodes
-from test_manufactured import (
-    DT,
-    JOB,
-    STEPS,
-    make_tables,
-    plain_of,
-    run_here,
-)
+from test_manufactured import DT, JOB, STEPS, make_tables, plain_of, run_here
 
 from netfall.driver.dynamics.stepper import is_long_step_stable
 from netfall.geometry.build import build_net

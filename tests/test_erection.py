@@ -240,9 +240,7 @@ def test_the_removal_of_an_absent_element_is_a_note(workshop):
     text += "[[remove]]\nelements = [7, 8]\ntime = 0.05\n[[remove]]\nelements = [9]\ntime = 0.06\n"
     job = workshop.job(text, nodes, "id,start,end,group\n7,1,2,rope\n8,2,4,prop\n9,2,3,rope\n")
     notes = lines_with("[[remove]]", "check", job)
-    assert notes == [
-        "note: [[remove]] 1: no effect on element 8, which a stage of erection removed. [N333]",
-    ]
+    assert notes == ["note: [[remove]] 1: no effect on element 8, which a stage of erection removed. [N333]"]
 
 
 def test_a_removed_prop_holds_nothing_and_is_not_used(workshop):
@@ -562,8 +560,7 @@ WITH_FORM = (  # whose pause is not in its form
 
 
 @pytest.mark.parametrize(
-    "net, looks",
-    [(TWO_CABLES, 1), (TWO_CABLES, 12), (TWO_CABLES, 25), (drawn_in(), 6), (WITH_FORM, 4)],
+    "net, looks", [(TWO_CABLES, 1), (TWO_CABLES, 12), (TWO_CABLES, 25), (drawn_in(), 6), (WITH_FORM, 4)]
 )
 def test_a_paused_erection_resumes_at_its_stage(workshop, net, looks):
     """It has the bits of an erection without pause; statics follow."""
@@ -704,10 +701,7 @@ def test_targets_that_are_not_reached_leave_a_file(workshop):
             '[[target]]\ngroup = "left"\nforce = 1e3\nadjust = "rigth"\n',
             'adjust = "rigth"|"rigth": neither a group',
         ),
-        (
-            '[[target]]\ngroup = "left"\nheight = 1e3\nadjust = "right"\n',
-            "expected group and force, or node",
-        ),
+        ('[[target]]\ngroup = "left"\nheight = 1e3\nadjust = "right"\n', "expected group and force, or node"),
         (stage("s", move="{3 = [0.0, 0.0, 1.0]}"), "move: node 3: an axis that moves must be held"),
         (
             stage("s", move="{1 = [0.0, 0.0, -0.1], all = [0.0, 0.0, 0.2], left = [0.0, 0.0, 0.2]}"),

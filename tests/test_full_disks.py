@@ -266,8 +266,7 @@ def test_a_full_disk_leaves_the_new_table_or_the_old_one(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "code, words",
-    [(errno.EROFS, "Give another path with"), (errno.ENAMETOOLONG, "Give a shorter name with")],
+    "code, words", [(errno.EROFS, "Give another path with"), (errno.ENAMETOOLONG, "Give a shorter name with")]
 )
 def test_pictures_that_cannot_be_written_are_named_with_a_remedy(tmp_path, monkeypatch, code, words):
     """Not every failure is a full disk. The folder of an output is made where it is written."""

@@ -66,10 +66,7 @@ def test_a_power_law_of_speeds_has_a_closed_form():
 
 @pytest.mark.parametrize(
     "hazard, density",
-    [
-        (GUMBEL, stats.gumbel_r(25.0, 2.5).pdf),
-        (WEIBULL, stats.weibull_min(9.0, scale=26.0).pdf),
-    ],
+    [(GUMBEL, stats.gumbel_r(25.0, 2.5).pdf), (WEIBULL, stats.weibull_min(9.0, scale=26.0).pdf)],
 )
 def test_the_annual_probability_and_its_tail_agree_with_quadrature(hazard, density):
     """The integral of the curve times the density of annual maxima, by scipy's adaptive quadrature."""
@@ -297,10 +294,7 @@ def test_new_criteria_and_hazards_need_no_new_runs(tmp_path):
 @pytest.mark.parametrize(
     "text, says",
     [
-        (
-            '[[failure]]\nname = "a"\noutcome = "speed"\nlimit = 1.0',
-            'expected one of "first_fracture"',
-        ),
+        ('[[failure]]\nname = "a"\noutcome = "speed"\nlimit = 1.0', 'expected one of "first_fracture"'),
         (
             '[[failure]]\nname = "a"\noutcome = "dynamic_factor_max"\nlimit = 1.0',
             'outcome = "dynamic_factor_max": only for member removals',

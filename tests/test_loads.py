@@ -226,10 +226,7 @@ def test_check_and_info_describe_the_measured_wind_that_acts(workshop):
 
 @pytest.mark.parametrize(
     "wind, force, remedy",
-    [
-        (WIND.format(k=0, more=""), FORCE, "of its pressure"),
-        (TAPPED, 1000.0, "of the mean pressures. Lower"),
-    ],
+    [(WIND.format(k=0, more=""), FORCE, "of its pressure"), (TAPPED, 1000.0, "of the mean pressures. Lower")],
 )
 def test_a_mean_wind_that_breaks_a_cable_is_an_error_with_the_load_carried(workshop, wind, force, remedy):
     """The limit is the force at a strain of 1e-3, by hand, to 1/64. Taps give the share without a speed."""
@@ -361,12 +358,7 @@ def test_taps_far_outside_the_roof_are_a_warning(workshop, x, is_far):
 @pytest.mark.parametrize(
     "load, weight, mass, expected",
     [
-        (
-            "self_weight = true",
-            -4905,
-            0,
-            "warning: load_z of node 2: 4905 N|500 kg in all",
-        ),
+        ("self_weight = true", -4905, 0, "warning: load_z of node 2: 4905 N|500 kg in all"),
         ("self_weight = true", -4905, 500, None),
         ("self_weight = false\nsteps = 1", -4905, 0, None),
         (

@@ -11,14 +11,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from conftest import (
-    BIN,
-    ENVIRONMENT,
-    IN_PLAIN_PYTHON,
-    PLAIN,
-    assert_same_results,
-    on_ranks,
-)
+from conftest import BIN, ENVIRONMENT, IN_PLAIN_PYTHON, PLAIN, assert_same_results, on_ranks
 from plain_step import GRAVITY, Plain
 from random_nets import table
 

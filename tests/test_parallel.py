@@ -4,14 +4,7 @@ import subprocess
 import sys
 
 import pytest
-from conftest import (
-    ENVIRONMENT,
-    ROOT,
-    STEEL,
-    assert_same_results,
-    run_on_standing_ranks,
-    run_process,
-)
+from conftest import ENVIRONMENT, ROOT, STEEL, assert_same_results, run_on_standing_ranks, run_process
 
 from netfall.geometry.generators import generate as generators
 from netfall.job.keys.net import Saddle

@@ -845,10 +845,7 @@ def test_a_strength_that_each_group_overrides_is_refused(tmp_path, where):
         "id,x,y,z,fixed,load_z\n1,0,0,0,0,-1000\n2,0,0,10,1,0\n3,0,0,5,1,0\n",
         "id,start,end,group\n7,1,2,a\n9,1,3,b\n",
     )
-    values = {
-        "vary": "[9e5, 1e6]",
-        "sampling": '{distribution = "normal", mean = 9e5, deviation = 1e4}',
-    }
+    values = {"vary": "[9e5, 1e6]", "sampling": '{distribution = "normal", mean = 9e5, deviation = 1e4}'}
     count = "count = 4\n" * (where == "sampling")
     study = write(tmp_path, f'job = "job.toml"\n[{where}]\n{count}"cable.breaking_load" = {values[where]}\n')
     read_study_plan(study)

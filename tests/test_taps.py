@@ -67,10 +67,7 @@ def wrong_file(folder, time=TIME, value=VALUES):
     "change, message",
     [
         (dict(value=VALUES[:, :2]), "expected (t,) and (t, 3). Give a column for each of the 3 taps"),
-        (
-            dict(value=np.where(VALUES == VALUES[70, 1], np.nan, VALUES)),
-            "value: row 70: not a number",
-        ),
+        (dict(value=np.where(VALUES == VALUES[70, 1], np.nan, VALUES)), "value: row 70: not a number"),
         (dict(value=VALUES.astype("S")), "time holds float64 and value |S32, which are not real numbers"),
         (dict(value=1j * VALUES), "time holds float64 and value complex128, which are not real numbers"),
         (dict(time=TIME[::-1]), "is not after the row before"),

@@ -31,8 +31,7 @@ def group_forces(net, N):
 
 
 @pytest.mark.parametrize(
-    "name, given, states",
-    [("dome", ["ring_upper"], 1), ("wheel", ["ring_upper", "brace"], 2)],
+    "name, given, states", [("dome", ["ring_upper"], 1), ("wheel", ["ring_upper", "brace"], 2)]
 )
 @pytest.mark.parametrize("rings", [False, True])
 def test_a_generated_net_has_the_forces_of_its_closed_form(name, given, states, rings):

@@ -286,7 +286,7 @@ def test_a_zone_has_either_a_column_or_a_polygon(workshop):
     """It would be unclear which applies."""
     lines = lines_of(workshop, square("a", 0, 0, 1, 1), column=lambda x, y: "a")
     assert lines == [
-        "[[zone]] a: the column zone of nodes.csv has nodes of this zone already. Give only the name. [E294]",
+        "[[zone]] a: the column zone of nodes.csv has nodes of this zone already. Give only the name. [E294]"
     ]
 
 
