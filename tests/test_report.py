@@ -356,6 +356,18 @@ def test_the_utilisation_of_a_sample_is_that_at_the_ends_of_elements(workshop, m
     assert max(high) > sample["tension_max"] + 0.5 * 10.0 * 200.0 * 9.81
 
 
+def test_the_force_at_an_end_has_the_share_of_line_load_and_ice_of_its_load_step(workshop):
+    """It is that of the foundation in each step; the permanent state has neither line load nor ice."""
+    (workshop.folder / "own.csv").write_text("element,line_z\n1,-700\n2,-900\n")
+    text = ICED.split("[[case]]")[0].replace("steps = 0", "load_table = 'own.csv'\nsteps = 2")
+    with workshop.solve(text, UPRIGHT, HEAVY) as f:
+        envelope = compute_envelope(f, np.full(2, np.nan), end_weights_of(f))
+    rows = {(row["stage"], row["node"]): row for row in workshop.report().rows("reactions")}
+    for name, high, low in list(zip(envelope.names, envelope.high, envelope.low))[1:]:
+        wanted = [abs(float(rows[name, node]["foundation_z"])) for node in "13"]
+        assert [high[0], -low[1]] == pytest.approx(wanted, rel=1e-5), name
+
+
 # Snow of 200 kN on node 5, by factors; [limits] count for what is of kind service alone.
 SERVICE = {"light": (0.25, "SLS"), "heavy": (0.75, "SLS"), "lift": (-0.5, "SLS")}
 KINDS_OF = SERVICE | {"more": (1.0, "ULS"), "most": (1.5, "ULS")}

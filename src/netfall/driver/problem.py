@@ -129,7 +129,7 @@ class RunContext:
     """Run context of a stage on one rank: output, progress, checkpoints.
 
     stop : stop flag; memory : cache of results for the runs in this process
-    watch : is called on all ranks with the state, snapshot and group of each equilibrium
+    watch : is called on all ranks with the state, snapshot, group and load factor of each equilibrium
     make_plan : makes the step plan of the dynamic stage, on the CPU or on a GPU
     """
 
@@ -140,7 +140,7 @@ class RunContext:
     phases: PhaseTimes
     stop: StopFlag = NEVER_STOP
     memory: ResultCache = NO_CACHE
-    watch: Callable[[State, Any, str], None] = lambda *_: None
+    watch: Callable[[State, Any, str, float], None] = lambda *_: None
     make_plan: Callable[..., StepPlan] = StepPlan
 
 

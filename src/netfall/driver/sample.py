@@ -73,10 +73,13 @@ def gather_extremes(problem: Problem, rows: Extremes) -> Extremes | None:
     return Extremes(*gathered) if gathered else None
 
 
-def end_weight_rows(problem: Problem, place: str, x: np.ndarray | None = None) -> np.ndarray:
+def end_weight_rows(
+    problem: Problem, place: str, x: np.ndarray | None = None, live: float = 1.0
+) -> np.ndarray:
     """Return what forces at the ends of this rank's elements exceed those in their middle by, (m,) [N].
 
-    place : group of the state in a file; x : (n_owned, 3) [m], None: as in the initial state. Collective.
+    place : group of the state in a file; x : (n_owned, 3) [m], None: as in the initial state
+    live : share of the loads other than the permanent ones that acts. Collective.
     """
     x, weights = None if x is None else problem.distribution.gather_particles(x), None
     if problem.model:
@@ -84,7 +87,7 @@ def end_weight_rows(problem: Problem, place: str, x: np.ndarray | None = None) -
         L0 = np.where(net.is_there, problem.model.cut_length, 0.0)
         lines = {name: loads.elements for name, loads in tables if loads.elements is not None}
         weight_of = end_weights(problem.job, net.elements, L0, L0, net.own_weight, net.diameter, lines)
-        weights = weight_of(place, problem.model.x if x is None else x)
+        weights = weight_of(place, problem.model.x if x is None else x, live)
     return problem.distribution.elements(weights)
 
 
@@ -112,10 +115,10 @@ class EquilibriumExtremes:
         self.rows = Extremes(tension, at_end, strain, np.zeros(m), np.zeros(n), np.zeros(n))
         self.sunk = [self.rows.sunk]
 
-    def take_in(self, state: State, snapshot: Snapshot, place: str) -> None:
-        """Include an equilibrium; place : its group in a file. Collective."""
+    def take_in(self, state: State, snapshot: Snapshot, place: str, live: float) -> None:
+        """Include an equilibrium; place, live : as in `end_weight_rows`. Collective."""
         largest, displacement = self.rows, (state.x - state.x_start)[snapshot.rows]
-        at_end = snapshot.N + end_weight_rows(self.problem, place, state.x[snapshot.rows])
+        at_end = snapshot.N + end_weight_rows(self.problem, place, state.x[snapshot.rows], live)
         np.fmax(largest.tension, snapshot.N, out=largest.tension)
         np.fmax(largest.at_end, at_end, out=largest.at_end)
         np.fmax(largest.strain, elastic_strain(snapshot.N, state.EA) + snapshot.eps_p, out=largest.strain)

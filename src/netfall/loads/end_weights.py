@@ -31,8 +31,10 @@ def end_weights(
     own: np.ndarray,
     diameter: np.ndarray | None,
     line_loads: dict[str, np.ndarray],
-) -> Callable[[str, np.ndarray], np.ndarray]:
-    """Return a function of a state's group and nodes (n, 3) [m] for what N_end exceeds N by, (m,) [N].
+) -> Callable[[str, np.ndarray, float], np.ndarray]:
+    """Return a function for what N_end exceeds N by, (m,) [N].
+
+    Its arguments are a state's group, its nodes (n, 3) [m], and the share of its live loads that acts.
 
     job : sections of a `Job`; ends : (m, 2) nodes; L0, L0_in_form : (m,) [m], unstressed
     own : (m,) [N/m], self weight; diameter : (m,) [m], 0 or None: without ice; line_loads : (m, 3) [N/m] of
@@ -40,16 +42,16 @@ def end_weights(
     """
     diameter = np.zeros(len(own)) if diameter is None else diameter
 
-    def at_ends(place: str, x: np.ndarray) -> np.ndarray:
+    def at_ends(place: str, x: np.ndarray, live: float) -> np.ndarray:
         own_factor, layers, tables = _factors(job, place)
         w = own_factor * own
         for factor, t in layers:
             mass = ICE_DENSITY * np.pi * (diameter * t + t * t)
-            w += np.where(diameter > 0.0, factor * GRAVITY * mass, 0.0)
+            w += np.where(diameter > 0.0, live * factor * GRAVITY * mass, 0.0)
         chord = x[ends[:, 1]] - x[ends[:, 0]]
         along = -w * chord[:, 2]
         for factor, name in tables:
-            along += factor * (line_loads.get(name, np.zeros(3)) * chord).sum(1)
+            along += live * factor * (line_loads.get(name, np.zeros(3)) * chord).sum(1)
         half = 0.5 * (L0_in_form if place == FORM else L0)
         return np.abs(half * along) / np.maximum(lengths(chord), np.finfo(float).tiny)
 

@@ -40,6 +40,7 @@ class StateView:
     ends : (m, 2) rows of the points at the ends of the elements, None: those of the net (no fragment ends)
     place : its group in the file
     unloaded : whether no load acts
+    live : share of the loads other than the permanent ones that acts
     read : returns another dataset of its group by name, None: not in the file
     """
 
@@ -49,6 +50,7 @@ class StateView:
     ends: np.ndarray | None = None
     place: str = ""
     unloaded: bool = False
+    live: float = 1.0
     read: Callable[[str], np.ndarray | None] = lambda name: None
 
 
@@ -304,7 +306,8 @@ def group_title(f: Any, name: str) -> str:
 def _state(g: Any, words: str, name: str, x: np.ndarray, row: Any) -> StateView:
     """Return a state of a group from one row of its datasets, or from all rows (row : ...)."""
     position = (lambda: g["position"][row]) if "position" in g else (lambda: x + g["displacement"][row])
-    return StateView(words, lambda: g["tension"][row], position, place=name, read=_reader(g, row))
+    live = float(g["load_factor"][row]) if "load_factor" in g else 1.0
+    return StateView(words, lambda: g["tension"][row], position, place=name, live=live, read=_reader(g, row))
 
 
 def _reader(g: Any, row: Any = ...) -> Callable[[str], np.ndarray | None]:
@@ -384,7 +387,7 @@ def largest_over_stages(force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def compute_envelope(
-    f: Any, resistance: np.ndarray, end_weight: Callable[[str, np.ndarray], np.ndarray] | None = None
+    f: Any, resistance: np.ndarray, end_weight: Callable[[str, np.ndarray, float], np.ndarray] | None = None
 ) -> Envelope:
     """Compute the envelope over all equilibria, member removals and the dynamic stage.
 
@@ -399,9 +402,10 @@ def compute_envelope(
     added: list[np.ndarray] = []
     for state in equilibria(f):
         N, forceless = state.tension(), absent(f, state.place)
-        weight = 0.0 if end_weight is None or state.unloaded else end_weight(state.place, state.position())
+        at_ends = None if state.unloaded else end_weight
+        weight = 0.0 if at_ends is None else at_ends(state.place, state.position(), state.live)
         added.append(np.where(forceless, 0.0, weight))
-        moment = unknown if (at_ends := state.read("bending_moment")) is None else at_ends.max(axis=1)
+        moment = unknown if (both := state.read("bending_moment")) is None else both.max(axis=1)
         stages.append((state.name, state.place, N, N, moment, unknown, forceless, forceless))
     stages += [
         (name, REMOVAL, high, low, moment, unknown, failed | is_absent, is_absent)
@@ -420,7 +424,7 @@ def compute_envelope(
     names, places, *columns = map(list, zip(*stages))
     high, low, moment, when, failed, forceless = map(np.array, columns)
     if end_weight is not None:
-        of_motion = end_weight("", start_position(f)) * ~is_absent
+        of_motion = end_weight("", start_position(f), 1.0) * ~is_absent
         added += [of_motion] * (len(names) - len(added))
         high = high + added
         low = low - np.where(f["net/bar"][:] == 1, added, 0.0)

@@ -88,8 +88,8 @@ NODES_NOT_HELD = Message(
 PLAN_NOT_CONVERGED = Message(
     "E536",
     "form finding by horizontal forces: after {solutions} solutions the length in plan of element {element} "
-    "(nodes {start} and {end}), {length:.4g} m, still changes by {change:.2g} %. Give edge cables a prestress "
-    "or a force_density instead of horizontal_force, or give a plan nearer to equilibrium.",
+    "(nodes {start} and {end}), {length:.4g} m, still changes by {change:.2g} %. Give edge cables a "
+    "prestress or a force_density instead of horizontal_force, or give a plan nearer to equilibrium.",
     "A constant horizontal force does least work if its element has no length in plan. The nodes of an edge "
     "cable, for example, move along it until they meet, unless the net holds them apart.",
 )

@@ -253,7 +253,7 @@ def keep(
     if not outcome.carries:
         reaction, load = np.full_like(reaction, np.nan), load_case.load[snapshot.rows]
     group = f"cases/{load_case.name}" if is_apart else PERMANENT if kind == "permanent" else "statics"
-    context.watch(state, snapshot, group)
+    context.watch(state, snapshot, group, outcome.load_factor if group == "statics" else 1.0)
     forces = {"reaction": reaction, "load": load}
     if starts_cases:
         result.write_equilibrium(PERMANENT, state, snapshot, "displacement", forces)

@@ -314,7 +314,9 @@ def share_wind(data: dict[str, Any]) -> None:
     used: set[str] = set()
     for case in cases:
         given = case.get("set") if isinstance(case, dict) else None
-        own = flatten_settings(given) if isinstance(given, dict) else {}
+        if not isinstance(given, dict):
+            continue
+        own = flatten_settings(given)
         if any(name.startswith("wind.") for name in own):
             rivals = ("wind.pressure_coefficient", "wind.sectors")
             replaced = own.keys() | (rivals if own.keys() & {*rivals} else ())

@@ -12,7 +12,7 @@ from netfall.loads import end_weights
 from netfall.results.file import read_job_tables
 
 
-def end_weights_of(f: h5py.File) -> Callable[[str, np.ndarray], np.ndarray]:
+def end_weights_of(f: h5py.File) -> Callable[[str, np.ndarray, float], np.ndarray]:
     """Return the function `loads.end_weights.end_weights` of a result."""
     record, line_loads = f["provenance/net"], {}
     if "line_load" in record:
