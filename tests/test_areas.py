@@ -39,7 +39,7 @@ def net_of(xy, elements, group=None, z=0.0):
 def tributary_of(net):
     """Return areas of the particles of a drawing without faults."""
     plan = draw_plan(net)
-    assert not plan.errors, plan.errors
+    assert not plan.error, plan.error
     return tributary_areas(net.x, net, find_faces(net, plan))
 
 

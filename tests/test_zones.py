@@ -8,7 +8,7 @@ from nets import model_of
 from netfall.core.errors import InputError
 from netfall.geometry.areas import RoofFaces, find_roof, tributary_areas
 from netfall.geometry.build import build_net
-from netfall.geometry.faces import empty_faces
+from netfall.geometry.faces import Faces
 from netfall.geometry.zones import make_zones
 from netfall.job.read import read_job
 from netfall.loads.wind.sectors import read_sectors
@@ -53,7 +53,7 @@ def zones(workshop, text: str, *overrides, column=lambda x, y: ""):
 
 def zones_at(job, net=None):
     """Return the zones of a job of a net without faces."""
-    net, none = net or build_net(job), empty_faces()
+    net, none = net or build_net(job), Faces()
     return make_zones(job, net, RoofFaces(none, tributary_areas(net.x, net, none)))
 
 

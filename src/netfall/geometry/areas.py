@@ -11,7 +11,7 @@ from netfall.core.arrays import distinct, is_one_of
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
 from netfall.geometry import messages
-from netfall.geometry.faces import Faces, centroid_triangle_areas, empty_faces, find_faces, read_faces
+from netfall.geometry.faces import Faces, centroid_triangle_areas, find_faces, read_faces
 from netfall.geometry.net import Net, connected_parts, pair_key
 from netfall.geometry.plan import Plan, draw_plan
 from netfall.geometry.shares import FaceShares, share_out_faces
@@ -61,14 +61,14 @@ def find_roof(job: Job, net: Net) -> RoofFaces:
     lines = bool(job.roof and job.roof.lines)
     planar = job.net.generator in PLANAR_GENERATORS and net.roof_axes is None
     plan = draw_plan(net, carries, checked=lines or not planar)
-    if plan.errors and _needs_faces(job, net):
-        reasons = [_with_upright_plane(net, reason) for reason in plan.errors]
-        raise InputError([f"{job.path}: {messages.UNCLEAR_FACES(reason=reason)}" for reason in reasons])
-    if plan.errors:
-        notes = [messages.NO_FACES(reason=reason) for reason in plan.errors]
+    if plan.error and _needs_faces(job, net):
+        reason = _with_upright_plane(net, plan.error)
+        raise InputError(f"{job.path}: {messages.UNCLEAR_FACES(reason=reason)}")
+    if plan.error:
+        notes = [messages.NO_FACES(reason=plan.error)]
         if areas_are_given(net):
             notes = [messages.GIVEN_AREAS()] * has_area_loads(job)
-        return RoofFaces(empty_faces(), tributary_areas(net.x, net, empty_faces()), notes=notes)
+        return RoofFaces(Faces(), tributary_areas(net.x, net, Faces()), notes=notes)
     try:
         faces = find_faces(net, plan, list(job.roof.openings) if job.roof else [])
     except ValueError as error:  # points in no face
@@ -214,12 +214,6 @@ def has_half_area(net: Net) -> np.ndarray:
     return is_half
 
 
-def unit_normals(vector: np.ndarray) -> np.ndarray:
-    """Compute the upward unit normals (n, 3) of vector areas (n, 3); zero without an area."""
-    length = lengths(vector)[:, None]
-    return np.divide(vector, length, out=np.zeros_like(vector), where=length > 0)
-
-
 def outer_side_line(vector: np.ndarray) -> str:
     """Describe the outer side of vector areas (n, 3) [m2] by the resultant of a pressure."""
     along = ", ".join(f"{-component + 0.0:.5g}" for component in vector.sum(0).round(6))
@@ -231,4 +225,6 @@ def normals(net: Net, vector: np.ndarray) -> np.ndarray:
 
     Normals of the tables take precedence over those of the vector areas (n, 3).
     """
-    return np.where(np.isfinite(net.normal), net.normal, unit_normals(vector))
+    length = lengths(vector)[:, None]
+    unit_normals = np.divide(vector, length, out=np.zeros_like(vector), where=length > 0)
+    return np.where(np.isfinite(net.normal), net.normal, unit_normals)

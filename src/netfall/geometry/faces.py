@@ -41,8 +41,8 @@ class Faces:
     whole : the rings of the faces, holes clockwise; None: as the cells
     """
 
-    start: np.ndarray
-    corner: np.ndarray
+    start: np.ndarray = field(default_factory=lambda: np.zeros(1, np.int64))
+    corner: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
     open_rim: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
     face: np.ndarray | None = None
     whole: "Faces | None" = None
@@ -90,14 +90,8 @@ class Faces:
     def select_faces(self, mask: np.ndarray) -> "Faces":
         """Return the rings of some faces, mask (f,), renumbered."""
         selected = mask if self.face is None else mask[self.face]
-        part = _selected(self, selected)
         face = None if self.face is None else (np.cumsum(mask) - 1)[self.face[selected]]
-        return Faces(part.start, part.corner, face=face)
-
-
-def empty_faces() -> Faces:
-    """Return the faces of a net without faces."""
-    return Faces(np.zeros(1, np.int64), np.zeros(0, np.int64))
+        return replace(_selected(self, selected), face=face)
 
 
 def find_faces(net: Net, plan: Plan | None = None, openings: Sequence[Any] = ()) -> Faces:
@@ -112,7 +106,7 @@ def find_faces(net: Net, plan: Plan | None = None, openings: Sequence[Any] = ())
     """
     plan = plan or draw_plan(net)
     if not len(plan.segment):
-        return empty_faces()
+        return Faces()
     polygons = shapely.get_parts(shapely.polygonize(shapely.linestrings(plan.points[plan.segment])))
     rings, polygon = _rings(polygons, plan.points, distinct(plan.segment))
     # the rim: points where segments that bound no face meet sides with a face on only one side

@@ -21,7 +21,7 @@ class Plan:
     points : (N, 2) [m] particles, then corners without one; segment : (s, 2) points
     element : (s,) row of the undivided net that it lies on, -1: outline
     span : (s, 2) start and end on that element, 0 to 1
-    notes : warnings about a doubtful plan; errors : reasons why the plan has no faces
+    notes : warnings about a doubtful plan; error : reason why the plan has no faces, "": it has faces
     """
 
     points: np.ndarray
@@ -29,7 +29,7 @@ class Plan:
     element: np.ndarray
     span: np.ndarray
     notes: list[str] = field(default_factory=list)
-    errors: list[str] = field(default_factory=list)
+    error: str = ""
 
 
 def draw_plan(net: Net, carries: np.ndarray | None = None, checked: bool = True) -> Plan:
@@ -48,15 +48,15 @@ def draw_plan(net: Net, carries: np.ndarray | None = None, checked: bool = True)
     long_enough = length > (net.tolerance if checked else 0.0)
     segment, element = segment[long_enough], element[long_enough]
     span, checked = np.tile([0.0, 1.0], (len(segment), 1)), checked and len(segment) > 0
-    errors = _stacked_node_errors(net, points, segment, element) if checked else []
+    error = _stacked_node_error(net, points, segment, element) if checked else ""
     notes: list[str] = []
-    if checked and not errors:
+    if checked and not error:
         segment, element, span, notes = _cut_at_nodes(net, points, segment, element, span)
     first = np.sort(np.unique(pair_key(segment, len(points)), return_index=True)[1])  # of each pair of points
     segment, element, span = segment[first], element[first], span[first]
-    if checked and not errors:
-        errors = _crossing_errors(net, points, segment, element)
-    return Plan(points, segment, element, span, notes, errors)
+    if checked and not error:
+        error = _crossing_error(net, points, segment, element)
+    return Plan(points, segment, element, span, notes, error)
 
 
 def _near(points: AnyArray, others: AnyArray, distance: float) -> IntArray:
@@ -64,8 +64,8 @@ def _near(points: AnyArray, others: AnyArray, distance: float) -> IntArray:
     return shapely.STRtree(others).query(points, predicate="dwithin", distance=distance)
 
 
-def _stacked_node_errors(net: Net, points: FloatArray, segment: IntArray, element: IntArray) -> list[str]:
-    """Return an error for nodes at the same point in plan that both have elements in the roof."""
+def _stacked_node_error(net: Net, points: FloatArray, segment: IntArray, element: IntArray) -> str:
+    """Describe nodes at the same point in plan that both have elements in the roof; "": there are none."""
     used = distinct(segment)
     positions = shapely.points(points[used])
     pairs = used[_near(positions, positions, net.tolerance)]
@@ -79,7 +79,7 @@ def _stacked_node_errors(net: Net, points: FloatArray, segment: IntArray, elemen
 
     names = "; ".join(f"{describe(a)} and {describe(b)}" for a, b in pairs[:MOST_NAMED])
     names += "; ..." * (len(pairs) > MOST_NAMED)
-    return [messages.STACKED_NODES.format(count=count_of(len(pairs), "pair"), pairs=names)] * (len(pairs) > 0)
+    return messages.STACKED_NODES.format(count=count_of(len(pairs), "pair"), pairs=names) if names else ""
 
 
 def _cut_at_nodes(
@@ -129,8 +129,8 @@ def _height_over(net: Any, p: int, ends: Any, share: float) -> str:
     return f" ({abs(height):.3g} m {'above' if height > 0 else 'below'})"
 
 
-def _crossing_errors(net: Net, points: FloatArray, segment: IntArray, element: IntArray) -> list[str]:
-    """Return an error for elements, or edges without one, that cross in plan without a node."""
+def _crossing_error(net: Net, points: FloatArray, segment: IntArray, element: IntArray) -> str:
+    """Describe elements, or edges without one, that cross in plan without a node; "": there are none."""
     lines = shapely.linestrings(points[segment])
     neighbours = shapely.STRtree(lines).query(lines)  # (2, k) rows of lines whose boxes meet
     first, second = neighbours[:, neighbours[0] < neighbours[1]]
@@ -151,13 +151,10 @@ def _crossing_errors(net: Net, points: FloatArray, segment: IntArray, element: I
         for crossing in zip(first[first_row], second[first_row])
     ]
     if not names:
-        return []
+        return ""
     at = shapely.intersection(lines[first[first_row[0]]], lines[second[first_row[0]]])
-    return [
-        messages.CROSSINGS.format(
-            count=count_of(len(pairs), "pair"), pairs=format_list(names), x=at.x, y=at.y
-        )
-    ]
+    count = count_of(len(pairs), "pair")
+    return messages.CROSSINGS.format(count=count, pairs=format_list(names), x=at.x, y=at.y)
 
 
 def _describe_point(net: Any, p: int) -> str:

@@ -86,8 +86,8 @@ class RoofAreas:
     """Areas on which loads act: surface and plan (n,) [m2], upward vector area (n, 3) [m2], and zones.
 
     centre : (n, 3) [m], of the area of each node; None: of parts
-    corners : node (c,) and areas of each corner of the faces, for a roof with `[roof] normal`, where nodes
-    may have zones of different directions; None: loads act on the areas of the nodes
+    corners : shares and areas of the corners of the faces, for a roof with `[roof] normal`, where nodes may
+    have zones of different directions; None: loads act on the areas of the nodes
     slender : elements on which wind and ice act, or None
     """
 
@@ -95,7 +95,7 @@ class RoofAreas:
     plan_area: np.ndarray
     vector: np.ndarray
     zones: Zones
-    corners: "tuple[np.ndarray, RoofAreas] | None" = None
+    corners: "tuple[FaceShares, RoofAreas] | None" = None
     slender: SlenderElements | None = None
     centre: np.ndarray | None = None
 
@@ -106,10 +106,7 @@ class RoofAreas:
 
     def at_nodes(self, values: np.ndarray) -> np.ndarray:
         """Sum values of the parts, (r,) or (r, 3), at their nodes."""
-        if not self.corners:
-            return values
-        columns = [np.bincount(self.corners[0], part, len(self.area)) for part in np.atleast_2d(values.T)]
-        return np.stack(columns, -1).reshape(-1, *values.shape[1:])
+        return self.corners[0].at_nodes(values, len(self.area)) if self.corners else values
 
 
 def roof_areas(
@@ -121,7 +118,7 @@ def roof_areas(
         return roof
     shares = areas.shares.on_nodes(net.n)
     surface, plan, vector = shares.surface_areas(), shares.plan_areas(), shares.vector_areas()
-    return replace(roof, corners=(shares.node, RoofAreas(surface, plan, vector, zones.corners)))
+    return replace(roof, corners=(shares, RoofAreas(surface, plan, vector, zones.corners)))
 
 
 def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
