@@ -56,12 +56,6 @@ def saddle(given: Saddle) -> Net:
     return _cable_net(points[~corner], held, along_x, along_y, closed_rings(ring), points[corner])
 
 
-def stadium(given: Stadium) -> Net:
-    """Generate a stadium roof: one half as in the paper, or two halves with a common arch."""
-    half = half_stadium(given)
-    return half if given.halves == 1 else mirror_net(half)
-
-
 def mirror_net(half: Net) -> Net:
     """Join a net on one side of its supports on y = 0 with its mirror image on the other side."""
     away = np.flatnonzero(half.x[:, 1] > 0)
@@ -85,11 +79,12 @@ def mirror_net(half: Net) -> Net:
     )
 
 
-def half_stadium(given: Stadium) -> Net:
-    """Generate half of a stadium roof, from a rigid parabolic arch (y = 0) to a rigid elliptic edge (z = 0).
+def stadium(given: Stadium) -> Net:
+    """Generate a stadium roof: one half as in the paper, or two halves with a common arch.
 
-    Cables run along x and y at multiples of `spacing` and end on the arch or the ellipse. The start
-    geometry is the ruled surface that is straight in the y direction from arch to edge.
+    A half reaches from a rigid parabolic arch (y = 0) to a rigid elliptic edge (z = 0). Cables run along x
+    and y at multiples of `spacing` and end on the arch or the ellipse. The start geometry is the ruled
+    surface that is straight in the y direction from arch to edge.
     """
     a, b, spacing = 0.5 * given.length, 0.5 * given.width, given.spacing
     xy, support, along_x, along_y = cables_in_ellipse(a, b, spacing, whole=False)
@@ -103,7 +98,8 @@ def half_stadium(given: Stadium) -> Net:
     edge = sort_around_ellipse(np.flatnonzero(support & (xy[:, 1] > 0)), xy, a, b)
     ring = np.concatenate([[n], arch, [n + 1], edge])  # from (-a, 0) to (a, 0), then back along the ellipse
     corners = [[-a, 0.0, 0.0], [a, 0.0, 0.0]]
-    return _cable_net(np.column_stack([xy, z]), support, along_x, along_y, closed_rings(ring), corners)
+    half = _cable_net(np.column_stack([xy, z]), support, along_x, along_y, closed_rings(ring), corners)
+    return half if given.halves == 1 else mirror_net(half)
 
 
 def ring(given: Ring) -> Net:
