@@ -77,7 +77,7 @@ class ExportState:
         return by_name
 
 
-def export_state(result: Result, time: float | None, case: str | None = None) -> ExportState:
+def export_state(result: Result, time: float | None, case: str | None) -> ExportState:
     """Return the form, the snapshot nearest to a time [s] (inf: the last one), or the equilibrium of a case.
 
     Raises InputError for a time that the run did not reach, or an unknown case.

@@ -40,7 +40,7 @@ def build_net(job: Job) -> Net:
 
     Raises InputError with all errors in the tables, or in the net as a whole.
     """
-    columns = None
+    columns: dict[str, np.ndarray] = {}
     if job.net.nodes:
         net, columns = read_tables(job)
     else:

@@ -23,7 +23,7 @@ MAX_BEND = 30.0  # degrees; a ring of 12 or more sides is one cable
 BEND_DIGITS = 9  # digits of the cosine of a bend; of equal bends, the earlier rows take precedence
 
 
-def cables_of(net: Net, slides: list[Slide], in_plan: bool = False) -> tuple[np.ndarray, list[str]]:
+def cables_of(net: Net, slides: list[Slide], in_plan: bool) -> tuple[np.ndarray, list[str]]:
     """Return the cable (m,) of each element, and the names of the cables by these numbers.
 
     slides : entries of [[slide]]

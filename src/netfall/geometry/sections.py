@@ -41,12 +41,11 @@ STRENGTH_COUNTER = 1 << 128  # Philox counter of the first strength; gusts start
 LENGTH_COUNTER = 2 << 128  # counter of the first length error
 
 
-def set_sections(job: Job, net: Net, rows: dict[str, Any] | None = None) -> None:
+def set_sections(job: Job, net: Net, rows: dict[str, Any]) -> None:
     """Set sections and strengths of the elements of a net. Raises InputError.
 
-    rows : columns of elements.csv by their names, (m,) nan where empty, `type` a list of words
+    rows : columns of elements.csv by their names, (m,) nan where empty, `type` a list of words; {}: no table
     """
-    rows = rows or {}
     for column in fields(Net):
         key = column.metadata.get("key")
         if key and key not in SECTION_COLUMNS:

@@ -45,7 +45,7 @@ class Motion:
     notes: list[str]
 
 
-def make_motion(job: Job, net: Net, x: np.ndarray, before_stages: bool = False) -> Motion:
+def make_motion(job: Job, net: Net, x: np.ndarray, before_stages: bool) -> Motion:
     """Build the motion of supports of a net at x (n, 3) [m]. Rank 0. Raises InputError with all errors.
 
     before_stages : whether stages of erection follow, which may fix further nodes

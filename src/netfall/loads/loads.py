@@ -166,17 +166,16 @@ def pressure_load(load: Load, roof: RoofAreas) -> np.ndarray:
 
 
 def spring_preload_displacement(
-    net: Net, x: np.ndarray, N: np.ndarray, L: np.ndarray, load: Any = None
+    net: Net, x: np.ndarray, N: np.ndarray, L: np.ndarray, load: np.ndarray
 ) -> np.ndarray:
     """Compute the displacements (n, 3) [m] at which springs carry no force.
 
     Form finding holds the axes with springs. Each spring therefore starts with the reaction to the axial
-    forces N (m,) [N] of elements of length L (m,) [m] and to the load (n, 3) [N] of form finding, None: no
-    load.
+    forces N (m,) [N] of elements of length L (m,) [m] and to the load (n, 3) [N] of form finding.
     """
     if not net.spring.any():
         return np.zeros((net.n, 3))
-    force = np.zeros((net.n, 3)) if load is None else load.copy()
+    force = load.copy()
     tension = (N / L)[:, None] * (x[net.elements[:, 1]] - x[net.elements[:, 0]])
     np.add.at(force, net.elements[:, 0], tension)
     np.subtract.at(force, net.elements[:, 1], tension)

@@ -7,7 +7,7 @@ import numpy as np
 from netfall.geometry.net import Net
 
 
-def prestressed_net(x: Any, fixed: Any, kinds: Any, group_names: list[str], ring_groups: bool = False) -> Net:
+def prestressed_net(x: Any, fixed: Any, kinds: Any, group_names: list[str], ring_groups: bool) -> Net:
     """Build the net of groups of elements, in the order of their nodes.
 
     x : (n, 3) [m]; fixed : (n, 3) bool

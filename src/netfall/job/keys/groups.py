@@ -64,7 +64,7 @@ def unmatched_sections(groups: Groups, names: Iterable[str]) -> list[str]:
     ]
 
 
-def pattern_errors(groups: Groups, names: Iterable[str], section: str = "group") -> Iterator[str]:
+def pattern_errors(groups: Groups, names: Iterable[str], section: str) -> Iterator[str]:
     """Yield an error for each pair of patterns that give a group the same key.
 
     names : of all groups; section : that holds the patterns

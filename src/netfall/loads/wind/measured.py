@@ -56,7 +56,7 @@ def point_weights(x: np.ndarray, places: np.ndarray, axes: int = 2) -> tuple[np.
     return corner, weights
 
 
-def ambiguous_particles(x: np.ndarray, places: np.ndarray, axes: int = 2) -> np.ndarray:
+def ambiguous_particles(x: np.ndarray, places: np.ndarray, axes: int) -> np.ndarray:
     """Return rows of particles with five or more equally near points; arguments as in `point_weights`.
 
     For these, the order of the points, or rounding, determines which four are used.
@@ -145,7 +145,7 @@ def read_measured(job: Job) -> TableHistory:
             for name, z in zip(names, height)
             if z < LOWEST_HEIGHT
         )
-    table, time, speed = read_time_table(job.path.parent / job.wind.file, names, duration, 0.0, "m/s")
+    table, time, speed = read_time_table(job.path.parent / job.wind.file, names, duration, "m/s", 0.0)
     times = np.unique(np.clip(time, 0.0, duration))
     course = (np.interp(times, time, column) for column in speed.T)
     mean = np.array([integral(values, times) / duration for values in course])
@@ -153,7 +153,7 @@ def read_measured(job: Job) -> TableHistory:
 
 
 def read_time_table(
-    path: Path, names: list[str], duration: float, low: float = -MAX_CELL, unit: str = ""
+    path: Path, names: list[str], duration: float, unit: str, low: float = -MAX_CELL
 ) -> tuple[Table, FloatArray, FloatArray]:
     """Read a table, its column time (t,) [s] and columns `names` (t, c) with numbers >= `low`.
 
@@ -200,7 +200,7 @@ def read_taps(taps: Path, values: Path, duration: float, axes: str = "xy") -> Ta
         time, rows = _long_file(values, len(names))
         _check_coverage(values, time, duration)
     else:
-        table, time, value = read_time_table(values, names, duration, unit="N/m2")
+        table, time, value = read_time_table(values, names, duration, "N/m2")
         notes = notes + table.notes
 
         def rows(first: int, end: int) -> FloatArray:
