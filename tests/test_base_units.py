@@ -20,7 +20,9 @@ import pytest
 from conftest import run_on_standing_ranks
 from drawn_jobs import QUIET, SCENES, jobs
 
-from netfall.job.keys.schema import CASE_KEYS, GROUP_KEYS, LIST_KEYS, SECTIONS, ZONE_KEYS
+from netfall.job.keys.fields import keys_of
+from netfall.job.keys.models import Group
+from netfall.job.keys.schema import CASE_KEYS, LIST_KEYS, SECTIONS, ZONE_KEYS
 from netfall.job.toml_text import toml_text
 
 EXPONENTS = {"m": 2, "s": 1, "kg": 4, "N": 4, "Pa": 0, "J": 6, "W": 5, "Hz": -1, "K": 0, "degrees": 0, "1": 0}
@@ -79,7 +81,8 @@ def converted_job(job: dict) -> dict:
     new = {}
     for name, values in job.items():
         if name == "group":
-            new[name] = {group: with_units(each, GROUP_KEYS) for group, each in values.items()}
+            keys = tuple(keys_of(Group).values())
+            new[name] = {group: with_units(each, keys) for group, each in values.items()}
         elif name == "case":
             new[name] = [case | {"set": converted_settings(case["set"])} for case in values]
         elif name in LIST_KEYS:

@@ -11,7 +11,6 @@ from netfall.job.keys.fields import inner_models, keys_of
 from netfall.job.keys.models import Group
 from netfall.job.keys.schema import (
     GENERATORS,
-    GROUP_KEYS,
     LIST_KEYS,
     LIST_MODELS,
     MODELS,
@@ -107,7 +106,7 @@ def whole_job(tmp_path):
     lists = {
         f"{name}s": [LIST_MODELS[name].model_construct(**values_of(keys))] for name, keys in LIST_KEYS.items()
     }
-    groups = {"one": Group.model_construct(**values_of(GROUP_KEYS))}
+    groups = {"one": Group.model_construct(**values_of(keys_of(Group).values()))}
     return Job(tmp_path / "job.toml", "[net]\n", (), "a roof", groups=groups, **sections, **lists)
 
 
@@ -126,7 +125,7 @@ def changed(job):
         for key in keys_of(model).values():
             changed_net = job.net.replaced(**{name: dimensions(name, **{key.name: two_values(key)[1]})})
             yield f"net.{name}.{key.name}", replace(job, net=changed_net)
-    for key in GROUP_KEYS:
+    for key in keys_of(Group).values():
         group = job.groups["one"].replaced(**{key.name: two_values(key)[1]})
         yield f"groups.one.{key.name}", replace(job, groups={"one": group})
     for name, keys in LIST_KEYS.items():

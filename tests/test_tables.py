@@ -13,7 +13,8 @@ from netfall.geometry.areas import find_roof, tributary_areas
 from netfall.geometry.build import build_net
 from netfall.geometry.net import SORTING_DIRECTIONS, close_pairs
 from netfall.job import messages
-from netfall.job.keys.schema import find_key
+from netfall.job.keys.fields import keys_of
+from netfall.job.keys.models import Cable, Load
 from netfall.job.read import read_job
 
 NODES = "id,x,y,z,fixed\n1,0,0,0,1\n2,1.5,0,0,0\n3,3,0,0,1\n"
@@ -71,7 +72,7 @@ def test_expansions_of_a_row_have_the_range_of_the_key(workshop, cell):
 
 def test_no_temperature_makes_a_length_negative():
     """The unstressed length times 1 + expansion times temperature stays above 0 in both ranges."""
-    expansion, temperature = find_key("cable", "thermal_expansion"), find_key("load", "temperature")
+    expansion, temperature = keys_of(Cable)["thermal_expansion"], keys_of(Load)["temperature"]
     assert expansion.low * temperature.high >= -0.5 and expansion.high * temperature.low >= -0.5
 
 

@@ -21,7 +21,7 @@ from netfall.job.keys.entries import (
     static_wind,
 )
 from netfall.job.keys.fields import Key, Section, inner_models, keys_of
-from netfall.job.keys.models import Group, Limits, Load, Top, Wind
+from netfall.job.keys.models import Cable, Group, Limits, Load, Top, Wind
 from netfall.job.renames import renamed_key_error, renamed_value_error
 from netfall.job.units import UnitError, to_unit
 from netfall.job.values import format_value, suggest
@@ -232,7 +232,7 @@ def missing_key_error(name: str, element: str = "") -> str:
     return messages.MISSING_SECTION_KEY(
         name=name,
         element=element,
-        expected=schema.find_key("cable", name).expected(),
+        expected=keys_of(Cable)[name].expected(),
         alternative=next(other for other in schema.REQUIRED_ALTERNATIVES[name] if other != name),
     )
 

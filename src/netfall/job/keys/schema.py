@@ -56,16 +56,10 @@ _DIMENSIONS = {f"net.{name}": model for name, model in GENERATORS.items()}
 # Keys of every table of a job file by its name, in the order of the pages.
 TABLES = _rows({"": models.Top, "net": net.Net, **_DIMENSIONS, **MODELS})
 LIST_KEYS = _rows(LIST_MODELS)
-GROUP_KEYS = tuple(keys_of(models.Group).values())  # of [group.NAME], which override those of [cable]
 ZONE_KEYS = _rows({"load": models.LoadZone, "wind": models.WindZone})  # of [load.zone.NAME], [wind.zone.NAME]
 CASE_KEYS = entries.settable_keys(SECTIONS, ZONE_KEYS)  # keys that a case can set
 STAGE_KEYS = {name: key for name, key in CASE_KEYS.items() if name.startswith("load.")}  # the same of a stage
 BREAKING_KEYS = {"fracture_strain", "breaking_load"}  # of [cable] and of groups
-
-
-def find_key(section: str, name: str) -> Key:
-    """Return a key of a section."""
-    return keys_of(MODELS[section])[name]
 
 
 def key_of(name: str) -> Key | None:
@@ -82,12 +76,7 @@ def key_of(name: str) -> Key | None:
     return next((each for each in TABLES.get(section, ()) if each.name == key), None)
 
 
-CURVES = find_key("cable", "buckling_curve").choices  # of EN 1993-1-1
-
-
-def may_break(properties: Section) -> bool:
-    """Return whether a key of [cable] or of a group lets elements break."""
-    return bool(properties.given().keys() & BREAKING_KEYS)
+CURVES = keys_of(models.Cable)["buckling_curve"].choices  # of EN 1993-1-1
 
 
 REQUIRED_SECTIONS = ("net", "cable")

@@ -19,8 +19,11 @@ import h5py
 from netfall.core.cache import program_digest
 from netfall.core.errors import InputError, Interrupted
 from netfall.core.timings import StopFlag
+from netfall.geometry.sections import given_cable_keys
 from netfall.job.job import Job
-from netfall.job.keys.schema import find_key, may_break
+from netfall.job.keys.fields import keys_of
+from netfall.job.keys.models import Cable
+from netfall.job.keys.schema import BREAKING_KEYS
 from netfall.job.read import read_job
 from netfall.post import messages
 from netfall.post.accuracy import compare
@@ -175,7 +178,7 @@ def default_settings(job: Job) -> list[list[str]]:
     settings: list[list[str]] = [[]]
     settings += [[*automatic, f"dynamics.safety={safety}"] for safety in (0.95, 0.4, 0.2)]
     scaled = automatic
-    if any(may_break(properties) for properties in (job.cable, *job.groups.values())):
+    if BREAKING_KEYS & {*given_cable_keys(job)}:
         settings += [[*automatic, f"dynamics.fragment_mass={share}"] for share in (0.0, 0.01, 0.02, 0.1)]
         scaled = [*automatic, "dynamics.fragments=false"]
         settings.append(scaled)
@@ -183,6 +186,6 @@ def default_settings(job: Job) -> list[list[str]]:
     interval = f"output.history_interval={5.0 * job.output.history_interval:g}"
     settings.append([*scaled, "dynamics.mass_scaling=0.05", "dynamics.safety=0.95", interval])
     settings.append(["output.energy=false"])
-    measures = find_key("cable", "strain_measure").choices
+    measures = keys_of(Cable)["strain_measure"].choices
     settings += [[f"cable.strain_measure={other}"] for other in measures if other != job.cable.strain_measure]
     return [*settings, [f"net.subdivide={2 * job.net.subdivide}"]]
