@@ -64,20 +64,16 @@ def factor(given: str, unit: str) -> Decimal:
     try:
         if TON.search(given):
             raise ValueError
-        if unit == "K" and registry.Unit(given) != registry.Unit("K"):
-            raise UnitError(messages.NOT_KELVIN(given=given, example=example(unit)))
         root = str(registry.get_root_units(given)[1])
-        if (root != "radian") if unit == "degrees" else ("radian" in root):  # 1 to pint
-            raise UnitError(messages.OTHER_DIMENSION(given=given, unit=unit, example=example(unit)))
+        differs = (root != "radian") if unit == "degrees" else ("radian" in root)  # 1 to pint
+        if differs or (unit == "K" and registry.Unit(given) != registry.Unit("K")):
+            raise pint.DimensionalityError(given, unit)
         return registry.Quantity(Decimal(1), given).to(PINT_NAMES.get(unit, unit)).magnitude
-    except UnitError:
-        raise
     except pint.DimensionalityError:
-        error = messages.OTHER_DIMENSION(given=given, unit=unit, example=example(unit))
-        raise UnitError(error) from None
+        error = messages.NOT_KELVIN if unit == "K" else messages.OTHER_DIMENSION
     except Exception:  # pint raises errors of many kinds for a malformed unit, such as "kN m-2"
-        error = messages.UNKNOWN_UNIT(given=given, unit=unit, example=example(unit))
-        raise UnitError(error) from None
+        error = messages.UNKNOWN_UNIT
+    raise UnitError(error(given=given, unit=unit, example=example(unit)))
 
 
 def example(unit: str) -> str:
