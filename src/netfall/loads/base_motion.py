@@ -150,7 +150,7 @@ def _delays(x: np.ndarray, entry: Any) -> np.ndarray:
     if entry.speed is None or entry.travel is None or not len(x):
         return np.zeros(len(x))
     along = x[:, 0] * entry.travel[0] + x[:, 1] * entry.travel[1] + x[:, 2] * entry.travel[2]
-    along /= lengths(np.array([entry.travel], float))[0]
+    along /= lengths(np.array(entry.travel, float))
     return (along - along.min()) / entry.speed
 
 
@@ -194,25 +194,25 @@ def _record(job: Job, entry: Any, number: int) -> tuple[np.ndarray, np.ndarray, 
         file = entry.displacement
         unit_note = messages.LARGE_SUPPORT_DISPLACEMENT(number=number, file=file, peak=peak, limit=MAX_MOTION)
         return *rows, table.notes + [unit_note] * bool(peak > MAX_MOTION)
-    if not is_record(entry):
+    if is_record(entry):
+        time, a, unit = read_at2(path)
+        a = entry.scale * UNITS[unit] * a[:, None] * _unit_vector(entry.direction)
+        unit_note = messages.UNIT_FROM_HEADER(number=number, file=entry.acceleration, unit=unit)
+        notes = [] if unit == "g" else [unit_note]
+        if entry.baseline is not False:
+            slope = _fit_parabola(time, _integrate_acceleration(time, a)[:, 1])
+            change = slope[0] + 2.0 * time[:, None] * slope[1]
+            a = a - change
+            notes.append(messages.BASELINE_CORRECTION(number=number, peak=lengths(change).max()))
+    else:
         table, time, a = _table(path, entry)
         if time[0] > 0.0:
             table.wrong(messages.RECORD_STARTS_LATE(time=time[0]))
             table.finish()
         time, a = _rows_from_zero(time, entry.scale * a)
-        rows = _integrate_acceleration(time, a)
-        return *rows, [*table.notes, _drift_note(number, a, *rows)]
-    time, a, unit = read_at2(path)
-    a = entry.scale * UNITS[unit] * a[:, None] * _unit_vector(entry.direction)
-    unit_note = messages.UNIT_FROM_HEADER(number=number, file=entry.acceleration, unit=unit)
-    notes = [] if unit == "g" else [unit_note]
-    if entry.baseline is not False:
-        slope = _fit_parabola(time, _integrate_acceleration(time, a)[1][:, 1])
-        change = slope[0] + 2.0 * time[:, None] * slope[1]
-        a = a - change
-        notes.append(messages.BASELINE_CORRECTION(number=number, peak=lengths(change).max()))
-    rows = _integrate_acceleration(time, a)
-    return *rows, [*notes, _drift_note(number, a, *rows)]
+        notes = table.notes
+    coefficients = _integrate_acceleration(time, a)
+    return time, coefficients, [*notes, _drift_note(number, a, time[-1], coefficients)]
 
 
 def _unit_vector(vector: Any) -> np.ndarray:
@@ -257,11 +257,8 @@ def _displacement_coefficients(
     return time, coefficients
 
 
-def _integrate_acceleration(time: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Integrate accelerations a (r, 3) [m/s2], linear between times (r,), to position coefficients.
-
-    Returns the times and the coefficients (r, 4, 3).
-    """
+def _integrate_acceleration(time: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """Integrate accelerations a (r, 3) [m/s2], linear between times (r,), to coefficients (r, 4, 3)."""
     h = np.diff(time)[:, None]
     coefficients = np.zeros((len(time), 4, 3))
     v = np.zeros_like(a)
@@ -270,7 +267,7 @@ def _integrate_acceleration(time: np.ndarray, a: np.ndarray) -> tuple[np.ndarray
     coefficients[:, 1] = v
     coefficients[:-1, 2] = 0.5 * a[:-1]
     coefficients[:-1, 3] = np.diff(a, axis=0) / h / 6.0
-    return time, coefficients
+    return coefficients
 
 
 def _fit_parabola(time: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -286,7 +283,7 @@ def _fit_parabola(time: np.ndarray, v: np.ndarray) -> np.ndarray:
     return np.array([c1 / time[-1], c2 / time[-1] ** 2])
 
 
-def _drift_note(number: int, a: np.ndarray, time: np.ndarray, place: np.ndarray) -> str:
+def _drift_note(number: int, a: np.ndarray, end: float, place: np.ndarray) -> str:
     """Describe the peaks of an integrated record, accelerations a (r, 3) [m/s2], and its drift at the end."""
     x, v = lengths(place[:, 0]), lengths(place[:, 1])
     return messages.RECORD_DRIFT(
@@ -294,7 +291,7 @@ def _drift_note(number: int, a: np.ndarray, time: np.ndarray, place: np.ndarray)
         acceleration=lengths(a).max(),
         largest=x.max(),
         displacement=x[-1],
-        end=time[-1],
+        end=end,
         velocity=v[-1],
     )
 
