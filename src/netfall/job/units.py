@@ -15,7 +15,6 @@ QUANTITY = re.compile(
 )
 # 907 kg to pint, but 1000 kg or 1016 kg to others
 TON = re.compile(r"\b(?:k|M|kilo|mega)?(?:force_)?tons?(?:_force)?\b")
-PINT_NAMES = {"degrees": "degree"}  # units of keys that pint calls otherwise
 # units that pint lacks
 DEFINITIONS = "psf = lbf / ft**2", "ksf = kip / ft**2", "plf = lbf / ft", "klf = kip / ft", "pcf = lb / ft**3"
 EXAMPLES = {
@@ -68,7 +67,7 @@ def factor(given: str, unit: str) -> Decimal:
         differs = (root != "radian") if unit == "degrees" else ("radian" in root)  # 1 to pint
         if differs or (unit == "K" and registry.Unit(given) != registry.Unit("K")):
             raise pint.DimensionalityError(given, unit)
-        return registry.Quantity(Decimal(1), given).to(PINT_NAMES.get(unit, unit)).magnitude
+        return registry.Quantity(Decimal(1), given).to(unit).magnitude
     except pint.DimensionalityError:
         error = messages.NOT_KELVIN if unit == "K" else messages.OTHER_DIMENSION
     except Exception:  # pint raises errors of many kinds for a malformed unit, such as "kN m-2"

@@ -297,7 +297,7 @@ class Validator:
         known = {*given, *KNOWN_SECTIONS, *schema.LIST_MODELS}
         scalars = {name: value for name, value in data.items() if name not in known}
         title = self.values("", keys_of(Top), scalars).get("title", "")
-        for name in ("net", "cable"):
+        for name in schema.REQUIRED_SECTIONS:
             if name not in data:
                 self.wrong("", messages.MISSING_SECTION(name=name))
         sections: dict[str, Any] = dict.fromkeys(schema.MODELS)

@@ -30,7 +30,7 @@ from netfall.job.keys.fields import (
     key,
     keys_of,
 )
-from netfall.job.keys.models import CaseWind, Load, Wind
+from netfall.job.keys.models import CaseWind, Load, LoadZone, Wind, WindZone
 from netfall.job.units import to_unit
 from netfall.job.values import format_value, suggest
 
@@ -228,17 +228,13 @@ CASE_WIND_KEYS = (
 CASE_LOAD_KEYS = ("dead", "snow", "ice", "pressure", "temperature")  # keys of [load] that a case can set
 
 
-def settable_keys(sections: dict[str, Any], zone_keys: dict[str, Any]) -> dict[str, Key]:
-    """Return the keys that a case can set, by "load.snow", "load.zone.NAME.snow".
-
-    sections, zone_keys : of the schema
-    """
-    of_load = {key.name: key for key in sections["load"]}
-    rows = {f"load.{name}": of_load[name] for name in CASE_LOAD_KEYS}
+def settable_keys() -> dict[str, Key]:
+    """Return the keys that a case can set, by "load.snow", "load.zone.NAME.snow"."""
+    rows = {f"load.{name}": keys_of(Load)[name] for name in CASE_LOAD_KEYS}
     rows |= {f"wind.{name}": keys_of(CaseWind)[name] for name in CASE_WIND_KEYS}
-    for section in ("load", "wind"):
-        zone_rows = {f"{section}.zone.NAME.{key.name}": key for key in zone_keys[section]}
-        rows |= {name: key for name, key in zone_rows.items() if f"{section}.{key.name}" in rows}
+    for section, model in (("load", LoadZone), ("wind", WindZone)):
+        in_zones = {name: key for name, key in keys_of(model).items() if f"{section}.{name}" in rows}
+        rows |= {f"{section}.zone.NAME.{name}": key for name, key in in_zones.items()}
     return rows
 
 

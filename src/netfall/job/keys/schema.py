@@ -57,8 +57,9 @@ _DIMENSIONS = {f"net.{name}": model for name, model in GENERATORS.items()}
 TABLES = _rows({"": models.Top, "net": net.Net, **_DIMENSIONS, **MODELS})
 LIST_KEYS = _rows(LIST_MODELS)
 ZONE_KEYS = _rows({"load": models.LoadZone, "wind": models.WindZone})  # of [load.zone.NAME], [wind.zone.NAME]
-CASE_KEYS = entries.settable_keys(SECTIONS, ZONE_KEYS)  # keys that a case can set
+CASE_KEYS = entries.settable_keys()  # keys that a case can set
 STAGE_KEYS = {name: key for name, key in CASE_KEYS.items() if name.startswith("load.")}  # the same of a stage
+REQUIRED_SECTIONS = ("net", "cable")
 BREAKING_KEYS = {"fracture_strain", "breaking_load"}  # of [cable] and of groups
 
 
@@ -79,7 +80,6 @@ def key_of(name: str) -> Key | None:
 CURVES = keys_of(models.Cable)["buckling_curve"].choices  # of EN 1993-1-1
 
 
-REQUIRED_SECTIONS = ("net", "cable")
 QUANTITY_PATTERN = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*\D.*$"
 
 
