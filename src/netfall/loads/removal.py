@@ -22,7 +22,6 @@ from netfall.job.job import Job
 from netfall.job.keys.entries import REMOVED_MEMBER_KEYS
 from netfall.job.values import MOST_NAMED, counted, format_list, format_value
 from netfall.loads import messages
-from netfall.parallel.subdomain import Distribution
 
 
 @dataclass(frozen=True)
@@ -51,10 +50,6 @@ class Redistribution:
         share = self.share[local].reshape(-1, *[1] * (values.ndim - 1))
         np.add.at(values, row[local], (share * given[self.source[local]]).astype(values.dtype))
         values[leaving[leaving >= 0]] = 0.0
-
-    def given(self, distribution: Distribution, rows: np.ndarray) -> np.ndarray:
-        """Return the values of `particles` (k, ...) on every rank; rows : local values. Collective."""
-        return distribution.broadcast_rows(self.particles, rows)
 
 
 def redistribute(

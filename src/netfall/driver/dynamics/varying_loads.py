@@ -133,7 +133,7 @@ class TimedLoad(VaryingLoad):
 
     def redistribute(self, redistribution: Redistribution, distribution: Distribution) -> None:
         """Move the force on leaving particles to others. Collective."""
-        given = redistribution.given(distribution, self.force)
+        given = distribution.broadcast_rows(redistribution.particles, self.force)
         redistribution.move(self.force, distribution.subdomain.particle_gid, given)
 
     def write(self, state: State, start: float, end: float) -> None:

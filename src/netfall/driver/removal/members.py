@@ -125,7 +125,7 @@ class MemberRemoval:
     def _transfer_carried(self, state: State, redistribution: Redistribution) -> None:
         """Move the loads of particles inside removed cables to other particles. Collective."""
         fields = {name: getattr(state, name) for name in removal.CARRIED}
-        given = partial(redistribution.given, self.distribution)
+        given = partial(self.distribution.broadcast_rows, redistribution.particles)
         carried = {name: given(field) for name, field in fields.items() if field is not None}
         row = rows_of(self.distribution.subdomain.particle_gid, redistribution.receiver)
         is_local = row >= 0

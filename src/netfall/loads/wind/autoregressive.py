@@ -226,14 +226,13 @@ def _gain_and_deficits(
     variance_given = _mean_diagonal(R[0])
     gain = variance_given / variance
     between = (variance_given - _mean_diagonal(R[1])) / (3.0 * variance_given)
-    kept_share, octaves = gusts.kept(n, points), _half_octaves(n, gust)
-    target = np.maximum(gust.spectrum(n) * kept_share, MIN_TARGET_SHARE * gust.spectrum(n).max())
+    spectrum, kept_share, octaves = gust.spectrum(n), gusts.kept(n, points), _half_octaves(n, gust)
+    target = np.maximum(spectrum * kept_share, MIN_TARGET_SHARE * spectrum.max())
     error = (gain * model / target)[octaves].mean(1) - 1.0
     worst, first = int(np.argmax(np.abs(error))), int(octaves[0, 0])
     slow = (integral(model[: first + 1], n[: first + 1]) + model[0] * n[0]) / variance
     low, misfit, start = float(n[octaves[worst, 0]]), float(error[worst]), float(n[first])
     beyond = gust.share_above(0.5 / dt)
-    spectrum = gust.spectrum(n)
     kept_share = float(integral(spectrum * kept_share, n) / integral(spectrum, n))
     slow_target = (1.0 - gust.share_above(start)) / (1.0 - beyond) / kept_share
     return gain, Losses(beyond, between, misfit, low, start, float(slow), slow_target)

@@ -115,14 +115,14 @@ def cluster_points(surface: Surface, decay: Any, limit: int) -> np.ndarray:
         before, label = label, _first_smallest(lengths(y[:, None] - centre), y)
         if (label == before).all():
             break
-        centre = _centres(y, area, label)
         label = np.unique(label, return_inverse=True)[1].reshape(-1)  # drops empty clusters
-    return _centres(surface.place, area, label)
+        centre = mean_by_area(label, area, y)
+    return mean_by_area(label, area, surface.place)
 
 
 def _farthest(y: np.ndarray, area: np.ndarray, limit: int) -> list[int]:
     """Return rows of y (q, 3): the one farthest from the centre, then repeatedly the farthest from these."""
-    distance = lengths(y - _centres(y, area, np.zeros(len(y), int)))
+    distance = lengths(y - mean_by_area(np.zeros(len(y), int), area, y))
     rows = [int(_first_smallest(-distance, y))]
     distance = lengths(y - y[rows[0]])
     while len(rows) < limit and distance.max() >= MIN_CLUSTER_DISTANCE:
@@ -139,12 +139,6 @@ def _first_smallest(distance: np.ndarray, y: np.ndarray) -> np.ndarray:
     """
     allowed = distance.min(-1) + POSITION_TOLERANCE * np.ptp(y, axis=0).max()
     return np.argmax(distance <= allowed[..., None], axis=-1)
-
-
-def _centres(y: np.ndarray, area: np.ndarray, label: np.ndarray) -> np.ndarray:
-    """Compute the area-weighted centres (c, 3) of the clusters that have members."""
-    label = np.unique(label, return_inverse=True)[1].reshape(-1)
-    return mean_by_area(label, area, y)
 
 
 def cluster_weights(y: np.ndarray, points: np.ndarray, decay: Any) -> tuple[np.ndarray, np.ndarray]:

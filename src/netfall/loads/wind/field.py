@@ -323,19 +323,15 @@ def coherence_errors(x: np.ndarray, field: WindField, settings: Any, gust: Gust)
     y = along_wind(x, settings.direction)
     separation = np.abs(y[p] - y[q]) * settings.coherence_decay
     delay = lengths(separation) / (0.5 * (field.mean[p] + field.mean[q]))
-    correlation = _covariance(field, p, q) / (field.deviation[p] * field.deviation[q])
+    pairs = field.model.covariance[field.corner[p][:, :, None], field.corner[q][:, None]]
+    covariance = np.sum(field.weight[p][:, :, None] * field.weight[q][:, None] * pairs, axis=(1, 2))
+    correlation = covariance / (field.deviation[p] * field.deviation[q])
     square = (correlation - _correlation(delay, gust, settings.time_step)) ** 2
     in_height = separation[:, 2] > lengths(separation[:, :2])
     means = [
         total(square[which]) / which.sum() if which.any() else np.nan for which in (~in_height, in_height)
     ]
     return np.sqrt(np.array(means))
-
-
-def _covariance(field: WindField, p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Compute the covariances (k,) [m2/s2] of the gusts at pairs of nodes."""
-    pairs = field.model.covariance[field.corner[p][:, :, None], field.corner[q][:, None]]
-    return np.sum(field.weight[p][:, :, None] * field.weight[q][:, None] * pairs, axis=(1, 2))
 
 
 def _correlation(delay: np.ndarray, gust: Gust, dt: float) -> np.ndarray:

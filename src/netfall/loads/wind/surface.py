@@ -242,10 +242,5 @@ def make_surface_means(
     if factorise_cholesky(M):
         raise InputError(messages.COINCIDENT_CONTROL_POINTS())
     solve_cholesky_columns(M, inverse)
-    return SurfaceMeans(delay, np.array([_between(inverse, matrix) for matrix in pairs]))
-
-
-def _between(inverse: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """Return inverse matrix inverse^T, symmetric to the last bit."""
-    full = product(product(inverse, matrix), inverse.T)
-    return 0.5 * (full + full.T)
+    means = np.array([product(product(inverse, matrix), inverse.T) for matrix in pairs])
+    return SurfaceMeans(delay, 0.5 * (means + means.transpose(0, 2, 1)))  # symmetric to the last bit
