@@ -271,15 +271,11 @@ def _name_slip_points(result: Result, state: ExportState, job: dict[str, Any]) -
         at = is_present & of_entry[sides].all(1) & np.isin(point, entry.get("nodes", point))
         entry["nodes"] = np.unique(point[at]).tolist()
         if stops[state.ends[np.isin(state.cable, state.cable[sides[at]])]].any():
-            yield messages.SEGMENTS_END(cables=_entry_name(entry))
+            cables = ", ".join(entry["cables"]) if "cables" in entry else f"group {entry['group']}"
+            yield messages.SEGMENTS_END(cables=cables)
     job["slide"] = [entry for entry in job["slide"] if entry["nodes"]]
     if not job["slide"]:
         del job["slide"]
-
-
-def _entry_name(entry: dict[str, Any]) -> str:
-    """Name the cables of an entry [[slide]]."""
-    return ", ".join(entry["cables"]) if "cables" in entry else f"group {entry['group']}"
 
 
 def _buckling_lengths(result: Result, job: dict[str, Any]) -> Iterator[str]:

@@ -55,8 +55,7 @@ def join(lines: np.ndarray, tolerance: float) -> JoinedNet:
 def split(joined: JoinedNet, element: np.ndarray, x: np.ndarray, tolerance: float) -> JoinedNet:
     """Split elements (j,) by joints at points x (j, 3) [m]; points within the tolerance are one joint."""
     start, direction = joined.x[joined.ends[:, 0]], np.diff(joined.x[joined.ends], axis=1)[:, 0]
-    share = np.einsum("ij,ij->i", x - start[element], direction[element])
-    share /= np.einsum("ij,ij->i", direction[element], direction[element])
+    share = _dot(x - start[element], direction[element]) / _dot(direction[element], direction[element])
     order = np.argsort(element, kind="stable")
     element, x, share = element[order], x[order], share[order]
     unsplit = np.setdiff1d(np.arange(len(joined.ends)), element)
@@ -109,7 +108,7 @@ def find_touches(x: np.ndarray, ends: np.ndarray, reach: float) -> tuple[IntArra
     free = (ends[element] != node[:, None]).all(1)
     node, element = node[free], element[free]
     start, direction = x[ends[element, 0]], x[ends[element, 1]] - x[ends[element, 0]]
-    share = np.einsum("ij,ij->i", x[node] - start, direction) / np.einsum("ij,ij->i", direction, direction)
+    share = _dot(x[node] - start, direction) / _dot(direction, direction)
     nearest = start + np.clip(share, 0.0, 1.0)[:, None] * direction
     distance = np.linalg.norm(x[node] - nearest, axis=1)
     to_ends = np.linalg.norm(x[node][:, None] - x[ends[element]], axis=2).min(1)

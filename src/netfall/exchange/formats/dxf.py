@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.messages import count_of
+from netfall.exchange.drawings.drawing import METRES
 from netfall.exchange.state import MARK, ExportState
 from netfall.results.locks import whole
 from netfall.results.reader import Result
@@ -15,14 +16,13 @@ FOLDER, STATIC_ONLY, UNITS = False, False, True
 COLOURS = (5, 3, 30, 6, 4, 140, 40, 200)  # AutoCAD colour indices, used in turn for the groups
 RED = 1
 SUPPORTS, IN_PART, SPRINGS, BROKEN = MARKS = ("supports", "held in part", "springs", "broken")  # layers
-PER_METRE = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
 
 
 def write(result: Result, state: ExportState, path: Path, unit: str) -> list[str]:
     """Write the drawing."""
     import ezdxf
 
-    per = PER_METRE[unit]
+    per = round(1.0 / METRES[unit])
     drawing = ezdxf.new("R2010", units=getattr(ezdxf.units, unit.upper()))
     space = drawing.modelspace()
     layers = _layers(sorted(set(state.group.tolist())))
