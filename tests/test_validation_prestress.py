@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conftest import ROOT, STEEL, run_on_standing_ranks
+from scipy.spatial.transform import Rotation
 
 from netfall.core.errors import DivergedError, InputError
 from netfall.core.linear import least_squares
@@ -156,6 +157,19 @@ def test_a_load_is_carried_in_addition_to_the_self_stress():
     load[1] = [0.0, 0.0, -30.0]
     with pytest.raises(DivergedError, match=r"node 1: not in equilibrium .*\(node 1 by \[0, 0, -0.03\] kN\)"):
         self_stress(net, load, 1e-6)
+
+
+def test_a_group_of_which_rounding_leaves_a_trace_in_the_states_is_not_in_them():
+    """A stay out of the plane of a braced square has 1e-17 of its forces; without a load that is an error."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 1, 1]])
+    tilted = corners @ Rotation.from_rotvec([0.3, 0.5, 0.7]).as_matrix()
+    ends = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [0, 2], [1, 3], [2, 4]])
+    fixed = np.array([[True] * 3, *[[False] * 3] * 3, [True] * 3])
+    net = Net(tilted, fixed, ends, np.array([0, 0, 0, 0, 1, 1, 2]), ["side", "diagonal", "stay"])
+    net.prestress = np.array([0.0] * 6 + [100.0])
+    with pytest.raises(InputError, match="group stay: no state of self-stress of the geometry has it"):
+        self_stress(net, None, 1e-6)
+    assert self_stress(net, np.zeros((5, 3)), 1e-6).N == pytest.approx(0.0, abs=1e-12)
 
 
 PYRAMID = "id,x,y,z,fixed\n1,0,0,0,1\n2,10,0,0,1\n3,10,10,0,1\n4,0,10,0,1\n5,5,5,3,0\n"

@@ -133,7 +133,7 @@ def _nearest(prestress: np.ndarray, equations: Equations, fit: Any, has_prestres
     weight = np.sqrt(requested[is_required] / equations.count[is_required])
     target = total[is_required] / np.sqrt(requested[is_required])
     rows = weight[:, None] * fit.null[is_required]
-    return least_squares(rows, target - weight * fit.x[is_required]).x
+    return least_squares(rows, target - weight * fit.x[is_required], NEGLIGIBLE, scale=1.0).x
 
 
 def _residual(net: Net, N: np.ndarray, load: np.ndarray | None) -> np.ndarray:
