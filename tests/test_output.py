@@ -336,6 +336,22 @@ def test_pictures_distinguish_partly_held_nodes(workshop):
         assert np.ravel(drawn[part]) == pytest.approx(place, abs=1e-6)
 
 
+def test_the_collapse_shows_as_many_dashed_elements_as_are_removed(workshop):
+    """One of two cables is removed, the other breaks without fragments; at 0.1 s the first is still there."""
+    more = "breaking_load = 8e3\n[[remove]]\nelements = [0]\ntime = 0.1\n[dynamics]\nduration = 0.5\n"
+    more += "fragments = false\n[output]\nframes = 5\n"
+    with run_of_a_hung_weight(workshop, "mass", "3,0,0,0,1,1,0,-4e3,400", more) as f:
+        panels = collapse(f).axes
+        titles = [panel.get_title() for panel in panels]
+        told = [int(re.search(r"s: (\d) broken or removed", title)[1]) for title in titles]
+        dashed = [
+            sum(len(lines._segments3d) for lines in panel.collections if lines.get_linestyle()[0][1])
+            for panel in panels
+        ]
+        assert any(title.startswith("t = 0.1 s: 0 broken") for title in titles)
+        assert dashed == told and told[-1] == 2
+
+
 def test_pictures_distinguish_springs_from_supports(workshop):
     """A weight on two cables, held along x and y, and by a spring along z."""
     more = "[load]\nself_weight = false\nsteps = 1\n"

@@ -36,8 +36,8 @@ def collapse(f: h5py.File) -> Figure:
     trace = NEGLIGIBLE_COMPRESSION * float(np.abs(f["envelope/tension_max"][:]).max())
     for axes, step in zip(panels, steps):
         _draw_stage(axes, frames, step, window, trace)
-        removed_lines = start[elements[removal_time <= frames.times[step]]]
-        canvas.add_lines(axes, removed_lines, colors=canvas.BROKEN, linewidths=1.1, linestyles="--")
+        gone = frames.broken(step) & (np.diff(frames.ends(step))[:, 0] == 0)
+        canvas.add_lines(axes, start[elements[gone]], colors=canvas.BROKEN, linewidths=1.1, linestyles="--")
         add_supports(f, axes, frames.positions(step)[: len(start)])
     handles = [Line2D([], [], color=colour, lw=2, label=name) for name, colour, _ in STYLES]
     handles += axes.get_legend_handles_labels()[0]
