@@ -482,6 +482,22 @@ def test_a_note_says_that_factors_in_gusts_include_the_gusts(torn):
     )
 
 
+@pytest.mark.parametrize(
+    ("wind", "remedy"),
+    [
+        ("turbulence_intensity = 0.1", "set [wind] turbulence_intensity = 0."),
+        ("surface_drag = 0.005", "set [wind] surface_drag = 0."),
+        ('pressures = "p.csv"\ntaps = "taps.csv"', "give instead of p.csv a table that stays at its mean."),
+    ],
+)
+def test_the_note_on_gusts_after_a_removal_names_a_key_of_that_wind(workshop, wind, remedy):
+    nodes, elements = weights(2)
+    text = CABLE + dynamics(PERIOD, 100) + entry([2], 0.1) + "[wind]\nprofile_exponent = 0.0\n"
+    text += wind + "\nspeed = 20.0\npressure_coefficient = 0.1" * ("p.csv" not in wind)
+    told = [*superposed_excitation_notes(read_job(workshop.job(text, nodes, elements)), varies=True)]
+    assert len(told) == 1 and f"For the removal alone {remedy}" in told[0], told
+
+
 def test_a_warning_says_that_factors_include_moving_supports(workshop):
     """A removal while a support settles: extremes and equilibrium are not those of the removal alone."""
     nodes, elements = weights(2)

@@ -118,9 +118,9 @@ ALREADY_ABSENT = Message(
 GUSTS_WITH_REMOVAL = Message(
     "N334",
     "[[remove]]: gusts act after the removal, so the largest forces and the dynamic factors include both. "
-    "For the removal alone set [wind] turbulence_intensity = 0.",
+    "For the removal alone {remedy}.",
     "A dynamic factor relates the largest force after a removal to the static force after it. Gusts add to "
-    "the largest force. With a table of speeds, use one that stays at its mean.",
+    "the largest force.",
 )
 SUDDEN_WIND_WITH_REMOVAL = Message(
     "W335",
