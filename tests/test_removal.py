@@ -482,6 +482,16 @@ def test_a_note_says_that_factors_in_gusts_include_the_gusts(torn):
     )
 
 
+def test_a_removal_within_the_last_step_has_its_equilibrium(workshop):
+    """It takes place at the start of that step, so that the other cable carries the weight afterwards."""
+    nodes, elements = weights(1)
+    time_step = PERIOD / 100
+    text = CABLE + dynamics(10 * time_step, 100) + entry([1], 9.9 * time_step)
+    with workshop.solve(text, nodes, elements) as f:
+        assert f["removal/time"][0] == pytest.approx(9 * time_step)
+        assert f["removal/tension_after"][0, 0] == pytest.approx(WEIGHT, rel=0.05)
+
+
 @pytest.mark.parametrize(
     ("wind", "remedy"),
     [

@@ -216,7 +216,9 @@ def make_removals(job: Job, model: Any, schedule: Any) -> list[Loss]:
 
     model : `model.Model`; schedule : `schedule.Schedule`. An element is removed once, by the first entry.
     """
-    steps = [schedule.step_at(entry.time) for entry in job.removes]
+    last = schedule.steps - schedule.stride  # for a removal within the last step
+    end, times = job.dynamics.duration, [entry.time for entry in job.removes]
+    steps = [min(schedule.step_at(time), last) if time < end else schedule.steps for time in times]
     present = model.net.is_there
     losses = []
     for step in sorted(s for s in set(steps) if s < schedule.steps):
