@@ -209,8 +209,9 @@ def _record(job: Job, entry: Any, number: int) -> tuple[np.ndarray, np.ndarray, 
         if time[0] > 0.0:
             table.wrong(messages.RECORD_STARTS_LATE(time=time[0]))
             table.finish()
+        early = messages.RECORD_BEFORE_START(number=number, file=entry.acceleration)
+        notes = table.notes + [early] * bool(a[time < 0.0].any())
         time, a = _rows_from_zero(time, entry.scale * a)
-        notes = table.notes
     coefficients = _integrate_acceleration(time, a)
     return time, coefficients, [*notes, _drift_note(number, a, time[-1], coefficients)]
 

@@ -70,6 +70,13 @@ RECORD_DRIFT = Message(
     "An acceleration record is integrated twice. A large displacement or velocity at its end is usually a "
     "measuring error of the record: correct its baseline, or give displacements.",
 )
+RECORD_BEFORE_START = Message(
+    "W322",
+    "[[motion]] {number}: {file}: the accelerations before time 0 have no effect. Shift the times of the "
+    "record so that its first row is at 0.",
+    "The supports are at rest until the dynamics starts. A record that is under way by then lacks its first "
+    "part, and its integrated displacements are others.",
+)
 RECORD_HEADER = Message("E316", '{path}: line 4: {line!r}, expected "NPTS= 3000, DT= .0100 SEC".')
 RECORD_NOT_NUMERIC = Message(
     "E317", "{path}: {error}. Below the four header lines a record has only numbers."
