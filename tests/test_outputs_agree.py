@@ -117,6 +117,16 @@ def test_report_and_info_count_the_same_broken_elements(workshop):
     assert outcomes["broken"] == 1
 
 
+def test_the_picture_of_the_motion_counts_slack_elements_as_the_report(workshop):
+    """Four parts of one cable that hangs between two nodes, and a bar without force."""
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,mass\n1,0,0,0,1,1,1,\n2,4,0,0,0,1,1,9\n3,4,0,2,1,1,1,\n"
+    text = "subdivide = 4\n" + CABLE + '[group.bar]\nkind = "bar"\nprestress = 0.0\n'
+    text += "[load]\nself_weight = false\n[dynamics]\nduration = 0.01\n"
+    elements = "id,start,end,group,unstressed_length\n7,1,2,,4.5\n8,2,3,bar,2\n"
+    with workshop.solve(text, nodes, elements) as f:
+        assert all(": 0 broken or removed, 1 slack" in axes.get_title() for axes in collapse(f).axes)
+
+
 def test_the_picture_of_energies_has_no_panel_or_curve_of_what_is_not_known(workshop):
     """With energy = false works and errors are nan; the kinetic and the strain energy are known."""
     text = CABLE + "[load]\nself_weight = false\n[dynamics]\nduration = 0.1\n[output]\nenergy = false\n"

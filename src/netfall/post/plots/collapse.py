@@ -12,6 +12,7 @@ from netfall.post.plots import canvas
 from netfall.post.plots.force import NEGLIGIBLE_COMPRESSION, add_supports
 from netfall.results.file import Frames, result_title
 from netfall.results.losses import removal_times
+from netfall.results.states import count_elements, count_slack
 
 STAGES = 6  # panels
 FRACTURE_SHARES = (0.0, 0.1, 0.35, 0.7, 1.0)  # shares of all fractures, at which a panel is drawn
@@ -35,7 +36,7 @@ def collapse(f: h5py.File) -> Figure:
     start, elements = frames.positions(0)[: len(f["net/fixed"])], f["net/elements"][:]
     trace = NEGLIGIBLE_COMPRESSION * float(np.abs(f["envelope/tension_max"][:]).max())
     for axes, step in zip(panels, steps):
-        _draw_stage(axes, frames, step, window, trace)
+        _draw_stage(f, axes, frames, step, window, trace)
         gone = frames.broken(step) & (np.diff(frames.ends(step))[:, 0] == 0)
         canvas.add_lines(axes, start[elements[gone]], colors=canvas.BROKEN, linewidths=1.1, linestyles="--")
         add_supports(f, axes, frames.positions(step)[: len(start)])
@@ -65,18 +66,19 @@ def within(window: np.ndarray, lines: np.ndarray) -> np.ndarray:
     return ((lines >= window[0] - margin) & (lines <= window[1] + margin)).all((1, 2))
 
 
-def _draw_stage(axes: Axes, frames: Frames, step: int, window: np.ndarray, trace: float) -> None:
+def _draw_stage(
+    f: h5py.File, axes: Axes, frames: Frames, step: int, window: np.ndarray, trace: float
+) -> None:
     """Draw the elements at a step in the window (2, 3); smaller compressions than `trace` [N] are ignored."""
     stride = max(1, frames.cells // canvas.MAX_DRAWN)
-    present = frames.present(step)[::stride]
-    lines, N, broken = (
-        values(step)[::stride][present] for values in (frames.lines, frames.tension, frames.broken)
-    )
-    inside = within(window, lines)
+    there, fields = frames.present(step), (frames.lines(step), frames.tension(step), frames.broken(step))
+    in_view = within(window, fields[0])
+    lines, N, broken, inside = (values[::stride][there[::stride]] for values in (*fields, in_view))
     kinds = (~broken & (N > 0), ~broken & (N < -trace), ~broken & (N <= 0) & (N >= -trace), broken)
     for (_, colour, width), rows in zip(STYLES, kinds):
         canvas.add_lines(axes, lines[rows & inside], colors=colour, linewidths=width)
-    failed, slack, outside = frames.broken_count(step), kinds[2].sum() * stride, (~inside).sum() * stride
+    failed, slack = frames.broken_count(step), count_slack(f, fields[1], there & ~fields[2])
+    outside = count_elements(f, there & ~in_view)
     out_of_view = f", {outside} out of view" if outside else ""
     axes.set_title(f"t = {frames.times[step]:.4g} s: {failed} broken or removed, {slack} slack{out_of_view}")
 
