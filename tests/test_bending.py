@@ -24,7 +24,7 @@ from netfall.physics.bending import (
     joint_tangents,
 )
 from netfall.physics.elements import add_stiffness
-from netfall.post.checks.ends import end_weights_of
+from netfall.post.checks.ends import end_weights
 
 # Critical pressure of rings of 12, 24, 36 bars, times r^3 / EI, r of the nodes: pressure that
 # follows, that keeps its direction, that points to the centre. Limits 3, 4, 4.5.
@@ -534,7 +534,7 @@ def test_a_subdivided_bar_of_a_form_with_permanent_load_is_straight(workshop):
         assert f["form_finding/reaction"][:, 2].sum() == pytest.approx(weight, rel=1e-6)
         half = 0.5 * 7850.0 * 5e-3 * 9.81 * 12.0
         for place, share in (("form_finding", 1.0), ("permanent", 1.0 / 8.0)):  # of the bar as if it stood
-            added = end_weights_of(f)(place, x[:, ::-1], 1.0)[-8:]
+            added = end_weights(f)(place, x[:, ::-1], 1.0)[-8:]
             assert added == pytest.approx(half * share, rel=1e-3), place
         assert b"W631" not in f["provenance/warnings"][()]
     job.write_text(job.read_text().partition("[[case]]")[0] + "[dynamics]\nduration = 0.01\n")

@@ -24,7 +24,7 @@ from netfall.geometry.build import TOO_WEAK
 from netfall.geometry.net import Net, connected_parts, part_is_supported
 from netfall.job.cache import ResultCache
 from netfall.job.job import Job
-from netfall.loads.end_weights import end_weights
+from netfall.loads.start_weights import start_weights
 from netfall.model.messages import STARTS_BEYOND_LIMIT
 from netfall.model.model import Model, compressive_fracture_strain
 from netfall.parallel.agree import on_root
@@ -44,7 +44,7 @@ ROUNDING = 1e-9  # relative tolerance of a strain at the yield force
 class Extremes(NamedTuple):
     """Largest values of a run, on rank 0: over the history rows and at the end, or over all equilibria.
 
-    tension, at_end : (m,) [N] in the middle and at the end of elements, as of `loads.end_weights`
+    tension, at_end : (m,) [N] in the middle and at the end of elements, as of `loads.start_weights`
     strain : (m,) the largest strain in tension, force over EA plus plastic strain
     compressed : (m,) the largest shortening, positive; in the dynamic stage at most that at the Euler load
     displacement : (n, 1) [m]; sunk : (n, k) [m] downwards, at the end of the dynamic stage, or in each of the
@@ -86,8 +86,8 @@ def end_weight_rows(
         net, tables = problem.model.net, problem.model.layout.load_tables.items()
         L0 = np.where(net.is_there, problem.model.cut_length, 0.0)
         lines = {name: loads.elements for name, loads in tables if loads.elements is not None}
-        weight_of = end_weights(problem.job, net.elements, L0, L0, net.own_weight, net.diameter, lines)
-        weights = weight_of(place, problem.model.x if x is None else x, live)
+        weight_of = start_weights(problem.job, net.elements, L0, L0, net.own_weight, net.diameter, lines)
+        weights = np.abs(weight_of(place, problem.model.x if x is None else x, live))
     return problem.distribution.elements(weights)
 
 

@@ -392,7 +392,7 @@ def compute_envelope(
     """Compute the envelope over all equilibria, member removals and the dynamic stage.
 
     resistance : (m,) [N], nan if an element has none
-    end_weight : from `loads.end_weights`, for the forces at the ends of elements; None: in their middle
+    end_weight : of `checks.ends.end_weights`, for the forces at the ends of elements; None: in their middle
     A removal precedes the dynamic stage that contains it: if tensions are equal, the removal governs.
     """
     is_absent = absent(f)

@@ -8,7 +8,7 @@ The foundation forces of a stage therefore add up to all its loads. In motion th
 foundation forces along each axis are those of /envelope, at different times.
 
 Utilisation: the force against slip over the slip resistance. The force is the difference of the adjoining
-tensions at the slip point, in motion that in the middle of elements.
+tensions at the slip point, in the largest of motion that in the middle of elements.
 
 holds = resistance + t (exp(mu alpha / 1.65) - 1)     t: the smaller tension, alpha: turn of the cable
 
@@ -22,6 +22,7 @@ import numpy as np
 
 from netfall.core.functions import from_rotated_axes, to_rotated_axes
 from netfall.post.checks.bending import bending_forces
+from netfall.post.checks.ends import start_weights_of
 from netfall.results.states import (
     DYNAMIC_STAGE,
     StateView,
@@ -115,7 +116,8 @@ def slip_point_columns(f: h5py.File) -> dict[str, np.ndarray]:
 
     In motion the utilisation is that of clamps alone.
     """
-    g, rows = f["slide"], [_slips_in_state(f, state) for state in all_states(f)]
+    g, at_start = f["slide"], start_weights_of(f)
+    rows = [_slips_in_state(f, state, at_start) for state in all_states(f)]
     count = len(g["node"])
     if "difference" in g:
         nan, points = np.full(count, np.nan), np.arange(count)
@@ -131,10 +133,15 @@ def slip_point_columns(f: h5py.File) -> dict[str, np.ndarray]:
     }
 
 
-def _slips_in_state(f: h5py.File, state: StateView) -> tuple[Any, ...]:
-    """Return the name of a state, and each of SLIP_COLUMNS (k,) in it."""
+def _slips_in_state(f: h5py.File, state: StateView, at_start: Any) -> tuple[Any, ...]:
+    """Return the name of a state, and each of SLIP_COLUMNS (k,) in it; at_start : of `start_weights_of`."""
     g, N, slip, force = f["slide"], state.tension(), state.read("slip"), state.read("slip_force")
-    before, after = N[g["before"][:]], N[g["after"][:]]
+    weight = np.zeros(len(N)) if state.unloaded else at_start(state.place, state.position(), state.live)
+    node, start = g["node"][:], f["net/node_id"][:][f["net/elements"][:, 0]]
+    before, after = (
+        N[rows] + np.where(start[rows] == node, weight[rows], -weight[rows])
+        for rows in (g["before"][:], g["after"][:])
+    )
     clamps_open = state.place and f[state.place].attrs.get("clamps") == "open"
     smaller = np.maximum(np.minimum(before, after), 0.0)
     holds = smaller * np.expm1(g["friction"][:] * _turning_angle(f, state) / FRICTION_SAFETY)

@@ -10,7 +10,7 @@ import numpy as np
 from netfall.core.messages import count_of, mm, warning_count
 from netfall.post.checks.bending import is_concrete
 from netfall.post.checks.cables import PASSES, Cutting, ElementCheck, element_groups
-from netfall.post.checks.ends import end_weights_of
+from netfall.post.checks.ends import end_weights
 from netfall.post.checks.nodes import FRICTION_SAFETY
 from netfall.post.report import markdown as md
 from netfall.post.report.sections import at_limits, bending, cases, checks, concrete, limits, most_used
@@ -232,7 +232,7 @@ def _removals(f: h5py.File, checked: list[ElementCheck], elements: dict[str, np.
     names, cable = f["net/cable_names"].asstr()[:], f["net/cable"][:]
     lines: list[str] = [md.item(line) for line in states.described_removals(f)]
     check, resistance, rows = checked[0].name, checked[0].resistance, []
-    end_weight = end_weights_of(f)(losses.REMOVAL, states.start_position(f), 1.0)
+    end_weight = end_weights(f)(losses.REMOVAL, states.start_position(f), 1.0)
     for k, e in worst_removals(f, resistance, SHOWN_ROWS):
         N = {name: g[f"tension_{name}"][k, e] for name in ("before", "highest", "after")}
         factors = losses.significant_dynamic_factors(g, k, losses.first_fracture(f["events"]))

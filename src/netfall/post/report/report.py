@@ -30,7 +30,7 @@ from netfall.post.checks.bending import (
 )
 from netfall.post.checks.cases import case_columns, displacement_columns, force_columns, group_columns
 from netfall.post.checks.codes import check_groups, read_codes
-from netfall.post.checks.ends import end_weights_of
+from netfall.post.checks.ends import end_weights
 from netfall.post.checks.nodes import reaction_columns, slip_point_columns
 from netfall.post.checks.shop import Deduction, read_deductions, shop_columns
 from netfall.post.plots.canvas import save
@@ -88,7 +88,7 @@ def write_report(
     with open_checked(result) as f:
         check_groups(codes, checks, f["net/group_names"].asstr()[:].tolist())
         applicable = cables.applicable_checks(f, checks)
-        envelope = compute_envelope(f, applicable[0][1], end_weights_of(f))
+        envelope = compute_envelope(f, applicable[0][1], end_weights(f))
         checked = cables.check_elements(f, applicable, envelope)
         groups, types = (
             sorted(set(of(f).tolist()) - {""}) for of in (cables.element_groups, cables.element_types)

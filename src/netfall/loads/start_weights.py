@@ -3,7 +3,7 @@
 The computed force of an element is that of its middle, because half of its weight and half of its line
 load act at each end. The part of this half along the element adds to the force at one end:
 
-N_end = N + L0 / 2 |q t|        q: weight of element and ice, and line load, per unstressed length
+N_start, N_end = N +- L0 / 2 q t        q: weight of element and ice, and line load, per unstressed length
 
 In a form a subdivided bar has one force, and its load at its two ends: there L0 is that of the whole bar.
 """
@@ -23,7 +23,7 @@ from netfall.job.keys.models import Load
 FORM, PERMANENT, STAGES, CASES = "form_finding", "permanent", "stages", "cases"  # groups of a result file
 
 
-def end_weights(
+def start_weights(
     job: Any,
     ends: np.ndarray,
     L0: np.ndarray,
@@ -32,7 +32,7 @@ def end_weights(
     diameter: np.ndarray | None,
     line_loads: dict[str, np.ndarray],
 ) -> Callable[[str, np.ndarray, float], np.ndarray]:
-    """Return a function for what N_end exceeds N by, (m,) [N].
+    """Return a function for what N_start exceeds N by, (m,) [N]; N_end is as much below N.
 
     Its arguments are a state's group, its nodes (n, 3) [m], and the share of its live loads that acts.
 
@@ -42,7 +42,7 @@ def end_weights(
     """
     diameter = np.zeros(len(own)) if diameter is None else diameter
 
-    def at_ends(place: str, x: np.ndarray, live: float) -> np.ndarray:
+    def at_start(place: str, x: np.ndarray, live: float) -> np.ndarray:
         own_factor, layers, tables = _factors(job, place)
         w = own_factor * own
         for factor, t in layers:
@@ -53,9 +53,9 @@ def end_weights(
         for factor, name in tables:
             along += live * factor * (line_loads.get(name, np.zeros(3)) * chord).sum(1)
         half = 0.5 * (L0_in_form if place == FORM else L0)
-        return np.abs(half * along) / np.maximum(lengths(chord), np.finfo(float).tiny)
+        return half * along / np.maximum(lengths(chord), np.finfo(float).tiny)
 
-    return at_ends
+    return at_start
 
 
 def _factors(job: Any, place: str) -> tuple[float, list[Any], list[Any]]:
