@@ -200,6 +200,16 @@ def test_combinations_have_curves_and_draws_are_pooled():
     assert section["pooled"].tolist() == ["cable.prestress"]
 
 
+def test_a_key_of_a_group_with_a_slash_is_an_input(tmp_path):
+    """HDF5 puts "group.side/a.area" into a group; it vanished, and samples of both areas were pooled."""
+    inputs = {"group.side/a.area": np.repeat([1e-4, 2e-4], 8), "wind.seed": np.arange(16) % 8}
+    samples = columns(inputs, np.zeros(16), np.zeros(16))
+    write_study(tmp_path / "a.study.h5", samples, {})
+    study = read_study(tmp_path / "a.study.h5")
+    assert study.samples.keys() == samples.keys()
+    assert "group.side/a.area: 0.0001, 0.0002 m2" in study_lines(tmp_path / "a.study.h5")
+
+
 def test_the_failed_share_counts_independent_samples():
     """Five random prestresses at each of 20 seeds are five independent runs, five chosen ones are 20."""
     seed = np.arange(20).repeat(10)

@@ -211,9 +211,11 @@ def write_columns(f: h5py.File, group: str, columns: dict[str, Any]) -> None:
 
 
 def read_columns(group: h5py.Group) -> dict[str, np.ndarray]:
-    """Return all datasets of a group; text as str."""
+    """Return all datasets of a group; text as str. A key with "/" is a dataset in groups of its parts."""
+    names: list[str] = []
+    group.visit(names.append)
     return {
         name: data.asstr()[()] if h5py.check_string_dtype(data.dtype) else data[()]
-        for name, data in group.items()
+        for name, data in ((name, group[name]) for name in names)
         if isinstance(data, h5py.Dataset)
     }
