@@ -226,6 +226,7 @@ def test_the_failed_share_counts_independent_samples():
     _failures(study, chosen_lines.append)
     low, high = wilson(np.array([20]), np.array([4]))[:, 0]
     assert f"(95 %: {low:.1%} to {high:.1%}, of 20 independent ones)" in chosen_lines[1]
+    assert chosen_lines[1].endswith("; cable.prestress pooled") and "pooled" not in drawn_lines[1]
     assert drawn_lines[0].startswith("failure, torn, load.snow = 1000: 0 of 95 samples, 0.0% (95 %: 0.0% to")
     low, high = wilson(np.array([5]), np.array([1]))[:, 0]  # 20 of 95 runs, but five prestresses
     assert drawn_lines[1] == (

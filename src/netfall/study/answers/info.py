@@ -264,13 +264,16 @@ def _hazard_row(h: Any, k: int) -> str:
 def _failures(study: Study, say: Callable[..., Any]) -> None:
     """Print the failure criteria of the study file, for the groups of samples of fragility curves.
 
-    Nothing if the study has a fragility curve.
+    It names pooled values of a grid: they are chosen, so the share over them is not a probability. Nothing if
+    the study has a fragility curve.
     """
     f = study.failures
     if not f or study.fragility:
         return
     samples = study.samples | {SPEED: np.zeros(len(study.samples["state"]))}
-    counted, curves = is_judged(samples), group_curves(samples, study.drawn)[0]
+    counted, (curves, pooled) = is_judged(samples), group_curves(samples, study.drawn)
+    chosen = [name for name in pooled if study.drawn is not None and name not in study.drawn]
+    suffix = f"; {', '.join(chosen)} pooled" if chosen else ""
     rows = zip(f["measure"], f["outcome"], f["limit"])
     own = tuple(FailureCriterion(name=name, outcome=outcome, limit=limit) for name, outcome, limit in rows)
     verdicts = failures(samples, own)
@@ -281,7 +284,7 @@ def _failures(study: Study, say: Callable[..., Any]) -> None:
             failed = int((counted & verdict.failed)[curve.rows].sum())
             text = _share_text(curve, runs, failed, left_out=int((~counted)[curve.rows].sum()))
             of = f", {curve.name}" if curve.name else ""
-            say(f"failure, {each.name}{of}: {text or f'not known, as no sample has {each.outcome}'}")
+            say(f"failure, {each.name}{of}: {text or f'not known, as no sample has {each.outcome}'}{suffix}")
 
 
 def _share_text(curve: FragilityCurve, runs: int, failed: int, left_out: int) -> str:
