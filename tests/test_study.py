@@ -196,6 +196,19 @@ def test_an_outcome_without_fracture_has_the_peaks_between_snapshots(workshop):
     assert outcome.largest_displacement == largest >= ended.largest_displacement
 
 
+def test_parts_of_an_element_break_as_one_in_an_accuracy_study():
+    """Both halves of element 7 broke; net.subdivide=2 had an error of 100 % against one whole element."""
+    file = h5py.File("parts", "w", driver="core", backing_store=False)
+    file["net/element_id"], file["net/elements"] = [7, 7], [[0, 1], [1, 2]]
+    file["events/time"], file["events/element"] = [0.1, 0.2], [0, 1]
+    file["VTKHDF/Steps/Values"] = file["provenance/nothing"] = file["history/energy_balance_error"] = [0.0]
+    file["envelope/displacement_max"] = file["envelope/tension_max"] = [1.0]
+    file.create_group("provenance/timings").attrs["dynamics"] = [0.0, 0.0, 1.0]
+    file["provenance"].attrs["shortest_time_step"] = 1e-3
+    outcome = read_outcome({}, file, np.inf)
+    assert (outcome.broken, outcome.broken_elements) == (1, "7")
+
+
 def test_reproducible_failures_are_not_repeated(tmp_path):
     """A refused or diverged run remains, a dead worker does not. Another version starts afresh."""
     path, header = tmp_path / "x.journal", {"program": "a"}

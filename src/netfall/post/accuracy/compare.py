@@ -46,7 +46,7 @@ def read_outcome(answer: dict[str, Any], file: h5py.File | None, until: float | 
     first = float(events["time"][0]) if len(events["time"]) else NAN
     if until is None:
         until = end_of_comparison(first)
-    broken = np.unique(events["element"][:])
+    broken = np.unique(ids[events["element"][:]])  # parts of a subdivided element share its id
     if np.isinf(until):  # snapshots miss peaks, but an envelope also covers the time after a fracture
         displacements, tensions = file["envelope/displacement_max"][:], file["envelope/tension_max"][:]
     else:
@@ -63,7 +63,7 @@ def read_outcome(answer: dict[str, Any], file: h5py.File | None, until: float | 
         first_element=int(ids[events["element"][0]]) if len(broken) else -1,
         broken=len(broken),
         energy_balance_error=float(np.abs(file["history/energy_balance_error"][:]).max()),
-        broken_elements=" ".join(map(str, ids[broken].tolist())),
+        broken_elements=" ".join(map(str, broken.tolist())),
     )
 
 
