@@ -533,9 +533,13 @@ def test_removed_elements_are_not_exported(tmp_path):
     lost = {"remove": [{"elements": [14], "time": 0.02}], "net": cross()["net"] | {"subdivide": 2}}
     job = cross(**lost, dynamics={"duration": 0.05}, output={"frames": 2})
     run(job, tmp_path / "r.vtkhdf")
-    notes = {end: written(tmp_path / "r.vtkhdf", tmp_path / f"r.{end}", np.inf) for end in ("json", "dxf")}
+    result, endings = tmp_path / "r.vtkhdf", ("json", "dxf", "csv")
+    notes = {end: written(result, tmp_path / f"r.{end}", np.inf) for end in endings}
     assert notes["json"][1] == "2 elements (14, 18) out of the net by then: no edges"
     assert notes["dxf"][1] == "2 elements (14, 18) out of the net by then: no lines"
+    assert "2 elements (14, 18) out of the net by then: no rows" in notes["csv"]
+    table = rows(tmp_path / "r.csv" / "elements.csv")
+    assert len(table) == 6 and all(row["start"] != row["end"] for row in table)
 
     def refuse(word):
         raise AssertionError(word)

@@ -52,8 +52,8 @@ def _write_tables(result: Result, state: ExportState, folder: Path) -> list[str]
     for name, columns in tables.items():
         write_table(folder / f"{name}.csv", columns)
         lines.append(f"{folder / name}.csv: {count_of(len(next(iter(columns.values()))), 'row')}")
+    lines += state.removed_element_lines("rows")
     if state.is_form:
-        lines += state.removed_element_lines("rows")
         lines += write_rerun_job(result, state, folder, "faces" in tables, FILES)
         lines.append(f"digest of the net: {digest(folder)}, of the three tables; the same net has the same")
     else:
@@ -92,7 +92,8 @@ def _in_motion(state: ExportState) -> dict[str, dict[str, Any]]:
     """Return the tables of a state in motion."""
     elements = _ends(state) | {"group": state.group, "unstressed_length": state.unstressed_length}
     elements |= {"tension": state.tension, "broken": state.broken.astype(int)}
-    return {"nodes": _places(state), "elements": elements}
+    present = ~state.out()
+    return {"nodes": _places(state), "elements": {name: each[present] for name, each in elements.items()}}
 
 
 def _net_tables(result: Result, state: ExportState) -> dict[str, dict[str, Any]]:
