@@ -533,10 +533,11 @@ def test_removed_elements_are_not_exported(tmp_path):
     lost = {"remove": [{"elements": [14], "time": 0.02}], "net": cross()["net"] | {"subdivide": 2}}
     job = cross(**lost, dynamics={"duration": 0.05}, output={"frames": 2})
     run(job, tmp_path / "r.vtkhdf")
-    result, endings = tmp_path / "r.vtkhdf", ("json", "dxf", "csv")
+    result, endings = tmp_path / "r.vtkhdf", ("json", "dxf", "csv", "vtu")
     notes = {end: written(result, tmp_path / f"r.{end}", np.inf) for end in endings}
     assert notes["json"][1] == "2 elements (14, 18) out of the net by then: no edges"
     assert notes["dxf"][1] == "2 elements (14, 18) out of the net by then: no lines"
+    assert notes["vtu"][1] == notes["dxf"][1] and "6 lines" in notes["vtu"][0]
     assert "2 elements (14, 18) out of the net by then: no rows" in notes["csv"]
     table = rows(tmp_path / "r.csv" / "elements.csv")
     assert len(table) == 6 and all(row["start"] != row["end"] for row in table)

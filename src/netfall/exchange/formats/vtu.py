@@ -15,7 +15,7 @@ FOLDER, STATIC_ONLY, UNITS = False, False, False
 
 def write(result: Result, state: ExportState, path: Path, unit: str) -> list[str]:
     """Write the grid."""
-    names = sorted(set(state.group.tolist()))
+    names, present = sorted(set(state.group.tolist())), ~state.out()
     points = {
         "node_id": state.node_id,
         "fixed": state.fixed.all(1).astype(np.uint8),
@@ -29,7 +29,9 @@ def write(result: Result, state: ExportState, path: Path, unit: str) -> list[str
         **state.unstressed(),
         "broken": state.broken.astype(np.uint8),
     }
+    cells = {name: values[present] for name, values in cells.items()}
     with whole(path) as temporary:
-        write_vtu(temporary, state.position, state.ends, points, cells, MARK)
+        write_vtu(temporary, state.position, state.ends[present], points, cells, MARK)
     groups = ", ".join(f"{k} {name or '(none)'}" for k, name in enumerate(names))
-    return [f"{path}: {state.name}, {len(state.position)} points, {len(state.ends)} lines; groups: {groups}"]
+    lines = [f"{path}: {state.name}, {len(state.position)} points, {present.sum()} lines; groups: {groups}"]
+    return lines + state.removed_element_lines("lines")
