@@ -306,6 +306,25 @@ def test_faces_of_removed_elements_are_exported(tmp_path):
         assert again[f"cases/{name}"] == pytest.approx(first[f"cases/{name}"][is_present], abs=1e-9), name
 
 
+def test_a_face_that_form_finding_turned_over_is_a_warning(tmp_path):
+    """A node at (1, 1) in a dart moves to (3, 3), across two sides; the exported job is refused."""
+    x = np.array([[0, 0, 0], [10, 0, 0], [2, 2, 0], [0, 10, 0], [1, 1, 0]], float)
+    ends = [[0, 1], [1, 2], [2, 3], [3, 0], *([corner, 4] for corner in range(4))]
+    net = {
+        "nodes": x,
+        "elements": ends,
+        "fixed": np.arange(5) < 4,
+        "element_columns": {"force_density": 100.0},
+    }
+    load = {"self_weight": False, "snow": 100.0, "steps": 1}
+    job = {"net": net, "cable": STEEL, "form_finding": {"method": "force_density"}, "load": load}
+    run(job, tmp_path / "dart.vtkhdf")
+    (line,) = (line for line in written(tmp_path / "dart.vtkhdf", tmp_path / "a.csv") if "[W767]" in line)
+    assert "2 faces (1, 2) turned over" in line
+    again = run_on_standing_ranks("check", tmp_path / "a.csv" / "job.toml", cwd=tmp_path, code=2)
+    assert again.stderr.count("[E291]") == 2
+
+
 def test_a_form_with_permanent_load_runs_again_without_a_warning_of_its_balance(tmp_path):
     """It is in equilibrium under that load, not without it; a given net without balance has the warning."""
     nodes = np.array([[0.0, 0.0, 0.0], [5.0, 0.0, -2.0], [10.0, 0.0, 0.0]])

@@ -97,6 +97,13 @@ SEGMENTS_END = Message(
     "job.toml: cables of {cables} slip less than in the run: nodes of subdivide are ordinary nodes here, and "
     "stop the slip. Run the job of the run.",
 )
+TURNED_FACES = Message(
+    "W767",
+    "faces.csv: {faces} turned over in the form, so job.toml stops with E291. Give a start geometry whose "
+    "faces keep their outer side, and run it again.",
+    "The corners of a face are anticlockwise in the start geometry. If form finding moves a node across a "
+    "side of its face, they are clockwise in the form, and the roof lies on itself there.",
+)
 
 # --- import
 
