@@ -94,8 +94,8 @@ SHARES_OF_NODES = Message(
 )
 SEGMENTS_END = Message(
     "W766",
-    "job.toml: cables of {cables} slip less than in the run: nodes of subdivide are ordinary nodes here, and "
-    "stop the slip. Run the job of the run.",
+    "job.toml: cables of {cables} do not slip as in the run: nodes of subdivide are ordinary nodes here, and "
+    "end free segments. Run the job of the run.",
 )
 TURNED_FACES = Message(
     "W767",
