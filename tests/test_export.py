@@ -364,6 +364,23 @@ def test_exported_cables_slip_at_the_nodes_of_the_run(tmp_path, dead):
         assert again["statics/tension"] == pytest.approx(first["statics/tension"], rel=1e-9)
 
 
+def test_exported_bars_bend_only_where_they_did_in_the_run(tmp_path):
+    """Two beams of one group cross at a node, so all four arms end there. They have no moment at the node."""
+    x = [(k, 0.0, 0.0) for k in (-4, -2, 0, 2, 4)] + [(0.0, k, 0.0) for k in (-4, -2, 2, 4)]
+    ends = [(0, 1), (1, 2), (2, 3), (3, 4), (5, 6), (6, 2), (2, 7), (7, 8)]
+    net = {"nodes": np.array(x), "elements": ends, "fixed": np.isin(np.arange(9), (0, 4, 5, 8))}
+    net["node_columns"] = {"load_z": [0, -1e3, -1e3, -1e3, *([0] * 5)]}
+    bars = {"modulus": 2e11, "area": 1e-3, "density": 7850.0, "second_moment": 1e-6}
+    job = {"net": net, "cable": bars | {"kind": "bar", "bending": True}, "load": {"steps": 1}}
+    run(job, tmp_path / "r.vtkhdf")
+    written(tmp_path / "r.vtkhdf", tmp_path / "r.csv")
+    run(tmp_path / "r.csv" / "job.toml", tmp_path / "again.vtkhdf")
+    first, again = (values_of(tmp_path / f"{run}.vtkhdf", ["statics"]) for run in ("r", "again"))
+    for name in ("statics/bending_moment", "statics/displacement"):
+        assert np.array_equal(first[name], again[name])
+    assert first["statics/bending_moment"][-1].max() > 500.0
+
+
 def test_shares_of_zones_are_columns(tmp_path):
     """Half of the areas of nine nodes and all of others. The exported job cuts no zone."""
     zone = {"name": "left", "polygon": [[-9, -9], [0, -9], [0, 9], [-9, 9]], "cut": True}

@@ -13,6 +13,7 @@ from netfall.core.messages import count_of
 from netfall.exchange import messages
 from netfall.exchange.job_again import keeps_zone_entries, write_rerun_job
 from netfall.exchange.state import MARK, NET_RECORD, ExportState
+from netfall.geometry.cables import meeting_pairs
 from netfall.geometry.faces import Faces, vector_areas
 from netfall.job.csv_table import AXES, ZONE_SEPARATOR, write_table
 from netfall.job.values import counted
@@ -179,7 +180,7 @@ def _element_columns(result: Result, state: ExportState) -> dict[str, np.ndarray
     factor = net["strength"][:] if has_factors else np.ones(m)
     columns = {"group": state.group, "kind": np.where(net["bar"][:].astype(bool), "bar", "cable")}
     columns["unstressed_length"] = state.unstressed_length
-    columns["cable"] = net["cable_names"].asstr()[:].astype(str)[net["cable"][:]]
+    columns["cable"] = _cable_names(result)
     columns |= {"area": recorded("section"), "modulus": recorded("modulus"), "density": recorded("density")}
     columns["expansion"] = net["expansion"][:]
     strengths = {name: recorded(name) for name in ("yield_stress", "breaking_load", "fracture_strain")}
@@ -194,6 +195,23 @@ def _element_columns(result: Result, state: ExportState) -> dict[str, np.ndarray
         names = np.append(net["type_names"].asstr()[:], "").astype(str)
         columns["type"] = names[net["type"][:]]
     return columns
+
+
+def _cable_names(result: Result) -> np.ndarray:
+    """Return the name of the cable (m,) of each element; "" if the name would join bars with bending.
+
+    Where more than two bars of a group meet, chains of bars end, but not those of a name in the table.
+    """
+    net, cable = result.file["net"], result.file["net/cable"][:]
+    names = net["cable_names"].asstr()[:].astype(str)
+    if "second_moment" in net:
+        bars = np.flatnonzero(np.isfinite(net["second_moment"][:]))
+        ends, node = (2 * bars[:, None] + [0, 1]).ravel(), net["elements"][:].ravel()
+        named, grouped = (meeting_pairs(ends, node, kind) for kind in (cable, net["group"][:]))
+        for k in np.unique(cable[named[~np.isin(named, grouped).all(1)] // 2]):
+            if names[k] == f"e{result.elements['id'][cable == k].min()}":  # the table of the run has no name
+                names[k] = ""
+    return names[cable]
 
 
 def strength_before_draw(value: np.ndarray, factor: np.ndarray) -> np.ndarray:
