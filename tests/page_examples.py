@@ -8,7 +8,7 @@ the page:
 - toml, csv, python with a title: the block is written to a file of that name. Without a title, the syntax of
   TOML and Python is checked.
 - console: bash runs each line that begins with "$ ", in the scratch folder, with netfall on PATH. If the line
-  begins with netfall and asks nothing more of bash than a pipe, a process that stays runs netfall. The lines
+  begins with netfall and needs bash only for a pipe, a persistent process runs netfall. The lines
   below a command are its expected output; without such lines the output is ignored. The exit code must be 0,
   or n if the command ends with "# exit n". A line "..." stands for any number of lines, and "..." inside a
   line for any characters. A line that begins with "> " continues the command.
@@ -223,7 +223,7 @@ def write_file(block: Block, folder: Path) -> None:
 
 
 def run_page(page: Path, folder: Path, write: bool = False) -> list[str]:
-    """Run the blocks of a page; return what is wrong. `write` renews the expected output in the page."""
+    """Run the blocks of a page; return its faults. `write` renews the expected output in the page."""
     text = page.read_text()
     (folder / "jobs").symlink_to(ROOT / "jobs")
     lines, faults, shift = text.splitlines(), [], 0
@@ -260,7 +260,7 @@ def run_page(page: Path, folder: Path, write: bool = False) -> list[str]:
 
 
 def main(arguments: list[str]) -> int:
-    """Run the pages that are named; print what is wrong and return the number of faults."""
+    """Run the named pages; print their faults and return the number."""
     pages = [Path(word) for word in arguments if word != "--write"] or PAGES
     faults = []
     for page in pages:

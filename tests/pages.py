@@ -38,12 +38,12 @@ def first_sentence(path: Path) -> str:
 def code_map() -> str:
     """Return a page of all files."""
     parts = [HEAD]
-    for room in PACKAGES:
-        files = sorted(path for path in (PACKAGE / room).glob("*.py") if path.name != "__init__.py")
+    for package in PACKAGES:
+        files = sorted(path for path in (PACKAGE / package).glob("*.py") if path.name != "__init__.py")
         rows = "".join(f"| `{path.name}` | {first_sentence(path)} |\n" for path in files)
-        whole = ast.get_docstring(ast.parse((PACKAGE / room / "__init__.py").read_text()))
+        whole = ast.get_docstring(ast.parse((PACKAGE / package / "__init__.py").read_text()))
         about = " ".join(whole.split("\n\n")[0].split())
-        parts.append(f"## {room}\n\n{about}\n\n| file | what |\n|---|---|\n{rows}")
+        parts.append(f"## {package}\n\n{about}\n\n| file | what |\n|---|---|\n{rows}")
     return "\n".join(parts)
 
 

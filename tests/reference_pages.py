@@ -220,9 +220,9 @@ def cell(text: str) -> str:
 # --- the Python interface
 
 
-def documentation(thing: Any) -> str:
+def documentation(public: Any) -> str:
     """Return the docstring of an object, without its indentation."""
-    return inspect.getdoc(thing) or ""
+    return inspect.getdoc(public) or ""
 
 
 def function_text(name: str, function: Any) -> str:
@@ -258,9 +258,9 @@ def python_interface() -> str:
     """Return the parts of the public names of netfall."""
     parts = []
     for name in sorted(netfall.__all__, key=str.lower):
-        thing = getattr(netfall, name)
-        make = class_text if inspect.isclass(thing) else function_text
-        parts.append(make(f"netfall.{name}", thing))
+        public = getattr(netfall, name)
+        make = class_text if inspect.isclass(public) else function_text
+        parts.append(make(f"netfall.{name}", public))
     return "\n\n".join(parts)
 
 

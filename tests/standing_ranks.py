@@ -65,7 +65,7 @@ class StandingRanks:
             self.process = None
 
 
-class Aloud(io.StringIO):
+class LoudStream(io.StringIO):
     """Stream that also writes to standard error at once, because a rank that aborts cannot answer."""
 
     def write(self, text):
@@ -78,7 +78,7 @@ def call(folder: str, arguments: list[str], one_stream: bool, more: dict) -> tup
     """Call netfall's `main` as a new process would; return exit code, output and errors."""
     from netfall.__main__ import main
 
-    error, code = Aloud(), 0
+    error, code = LoudStream(), 0
     out = error if one_stream else io.StringIO()
     os.chdir(folder)
     sys.argv = ["netfall", *arguments]

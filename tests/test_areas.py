@@ -420,7 +420,7 @@ def cut_triangulation(rng, points, share):
     closed = np.array(label[:-1]) != label[outside]
 
     def outline(z):
-        """Vector area of what is closed, with the nodes at heights z: of its triangles."""
+        """Return the vector area of the closed triangles, with the nodes at heights z."""
         x = np.column_stack([xy, z])
         p, q, r = (x[triangles[closed, k]] for k in range(3))
         vector = 0.5 * np.cross(q - p, r - p)
@@ -432,10 +432,10 @@ def cut_triangulation(rng, points, share):
 @settings(max_examples=150, derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.integers(0, 2**32 - 1), st.integers(4, 40), st.sampled_from([0.6, 0.8, 0.9]), st.integers(1, 3))
 def test_areas_of_random_faces_are_exact(seed, points, share, parts):
-    """Shares of a face add to 1; vector areas sum to that of the outline, whatever the heights within;
-    each node's is the same in another order of nodes and elements.
+    """Shares of a face add to 1; vector areas sum to that of the outline, for any heights of inner nodes.
 
-    Of a net on an inclined plane each node's area is found by cutting the faces by bisectors in that plane.
+    The order of nodes and elements changes no area. On an inclined plane each node's area is also that of the
+    faces cut by bisectors in that plane.
     """
     rng = np.random.default_rng(seed)
     xy, elements, closed, outline = cut_triangulation(rng, points, share)

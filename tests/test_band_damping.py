@@ -93,7 +93,7 @@ def test_the_step_is_shorter_by_the_stiffness_of_the_branches(workshop):
 
 
 def test_a_warning_bounds_the_difference_of_the_stored_force_and_the_force_that_acts(workshop):
-    """The force that stops the weight is larger than the file says. The warning bounds the difference."""
+    """The force that stops the weight exceeds the stored one. The warning bounds the difference."""
     keys = "axial_damping_ratio = 0.02\naxial_damping_band = [1.0, 20.0]\n"
     f = workshop.solve(HUNG.format(keys=keys, duration=0.2), HUNG_NODES, HUNG_ELEMENTS)
     t, z = f["history/time"][:], f["history/probe_displacement"][:, 0, 2]
@@ -139,7 +139,7 @@ def test_a_fading_removal_begins_with_the_force_of_the_element(workshop):
     ],
 )
 def test_wrong_bands_are_refused(workshop, keys, message):
-    """With exit code 2 and what is expected."""
+    """The exit code is 2, and the message names the expected values."""
     text, nodes, elements = oscillators([0.1], "", 1e-4, 0.01)
     done = workshop.solve(text.replace("[dynamics]", "[dynamics]\n" + keys), nodes, elements, code=2)
     assert message in done.stderr

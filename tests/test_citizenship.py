@@ -407,18 +407,18 @@ def test_ranks_that_do_not_share_the_folder_are_refused(finished, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "second, says",
+    "second, message",
     [
         ("-o b.vtkhdf", "-o: rank 0 has a.vtkhdf, rank 1 has b.vtkhdf"),
         ("-o a.vtkhdf --set dynamics.duration=0.02", "--set: rank 0 has , rank 1 has dynamics.duration=0.02"),
         ("-o a.vtkhdf --restart c.h5", "--restart: rank 0 has None, rank 1 has c.h5"),
     ],
 )
-def test_ranks_with_other_options_are_refused(finished, second, says):
+def test_ranks_with_other_options_are_refused(finished, second, message):
     """All ranks run one job, so their options must be equal."""
     run = [BIN / "netfall", "run", "job.toml"]
     done = run_each([*run, "-o", "a.vtkhdf"], [*run, *second.split()], cwd=finished)
-    line = f"error: netfall run: {says}; start all ranks with the same options [E016]"
+    line = f"error: netfall run: {message}; start all ranks with the same options [E016]"
     assert (done.returncode, done.stderr.splitlines()) == (2, [line])
     assert not [*finished.glob("a.vtkhdf"), *finished.glob("b.vtkhdf")]
 

@@ -78,7 +78,7 @@ for one in compiled:
 
 
 def test_kernels_that_are_kept_have_one_signature(compiled, tmp_path):
-    """numba numbers two versions alike if two processes compile them at once; also of what kernels call."""
+    """numba numbers two versions alike if two processes compile them at once; this includes callees."""
     folder, _ = compiled
     assert run_process(sys.executable, "-c", IN_ONE_PROCESS, cwd=tmp_path).stdout == ""
     assert [path.name for path in compiled_files(folder) if not path.name.endswith(".1.nbc")] == []

@@ -29,7 +29,7 @@ def pages_read_once():
 
 
 def test_every_key_is_found_by_its_full_name():
-    """Name, unit, range and meaning of each key stand in its entry."""
+    """The entry of each key contains name, unit, range and meaning."""
     for section, key in KEYS:
         text = " ".join(find(f"{section}.{key.name}").split())
         assert " ".join(key.meaning.replace("`", "").split()) in text, key.name

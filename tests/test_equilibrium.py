@@ -315,7 +315,7 @@ def hung_wheel(monkeypatch):
 
 
 def test_the_error_without_a_tangent_is_within_the_tolerance(monkeypatch):
-    """Relaxation goes to tenths of the residual until the error is stable. Reference: a tighter tolerance."""
+    """Relaxation continues to tenths of the residual until the error is stable. Reference: a tighter one."""
     state, find = hung_wheel(monkeypatch)
     result = find(1e-6)
     assert result.relaxed and result.unstable_at == newton.UNKNOWN and result.error <= 1e-6

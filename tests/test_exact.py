@@ -1,4 +1,4 @@
-"""Sums over ranks are correctly rounded, whatever the order."""
+"""Sums over ranks are correctly rounded in any order."""
 
 import itertools
 import math

@@ -528,7 +528,7 @@ ROLLER = {  # a rope from a support to a node that runs along x, and a weight be
 
 
 def test_partly_held_nodes_have_their_own_layer(tmp_path):
-    """Or their axes. An import holds them along no axis, and says so."""
+    """The layer may name their axes. An import holds them along no axis, and reports this."""
     run(ROLLER, tmp_path / "r.vtkhdf")
     for ending, layer in (("dxf", "supports"), ("json", None), ("vtu", None)):
         lines = written(tmp_path / "r.vtkhdf", tmp_path / f"r.{ending}")

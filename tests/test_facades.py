@@ -117,9 +117,9 @@ def test_a_two_way_net_under_pressure(workshop):
     EA, length = 1.6e11 * 400e-6, lengths(x[elements[:, 1]] - x[elements[:, 0]])
     load = np.where(edge, 0.0, 25e3)[:, None] * [0.0, 1.0, 0.0]
     fixed = np.repeat(edge[:, None], 3, 1)
-    wanted, wanted_N = equilibrium(x, elements, elastic(length / (1.0 + 200e3 / EA), EA), fixed, load)
-    assert np.abs(u - (wanted - x)).max() < 1e-6 * np.abs(u).max()
-    assert np.allclose(N[~edge[elements].all(1)], wanted_N[~edge[elements].all(1)], rtol=1e-6)
+    expected, expected_N = equilibrium(x, elements, elastic(length / (1.0 + 200e3 / EA), EA), fixed, load)
+    assert np.abs(u - (expected - x)).max() < 1e-6 * np.abs(u).max()
+    assert np.allclose(N[~edge[elements].all(1)], expected_N[~edge[elements].all(1)], rtol=1e-6)
 
 
 def test_check_and_info_name_the_outer_side(workshop):
@@ -197,8 +197,8 @@ def test_sectors_rotate_the_load_of_the_facade(workshop, direction, roof, edge):
     assert np.allclose(field.mean, U)
     share = model.roof.zones.share[:, 0]
     c = roof * (1.0 - share) + edge * share
-    wanted = 0.5 * 1.25 * c * U**2 * model.roof.area
-    assert np.allclose(field.force * field.mean[:, None] ** 2, wanted[:, None] * [0, 1, 0], atol=1e-6)
+    expected = 0.5 * 1.25 * c * U**2 * model.roof.area
+    assert np.allclose(field.force * field.mean[:, None] ** 2, expected[:, None] * [0, 1, 0], atol=1e-6)
 
 
 def test_the_resultant_of_the_gusts_is_that_of_the_coherence(workshop):

@@ -53,7 +53,7 @@ def folded(links):
 
 
 def tables(links):
-    """Tables of the chain, whose last node hangs on element 0, in the line of what pulls there."""
+    """Return tables of the chain, whose last node hangs on element 0, in line with the pull."""
     x, z, along, down = folded(links)
     h = L / links
     down += 0.5 * LINE_MASS * h * G

@@ -1,4 +1,4 @@
-"""Fracture by splitting particles: which particles split, what is conserved, what follows."""
+"""Fracture by splitting particles: which particles split, conserved quantities, consequences."""
 
 from dataclasses import replace
 
@@ -104,7 +104,7 @@ def test_frames_and_checkpoints_do_not_change_the_steps(workshop):
 
 @pytest.mark.parametrize("ratio, stride", [(1.0, 1), (1.4, 1), (1.45, 2), (2.4, 2), (2.5, 3), (7.9, 8)])
 def test_the_long_step_is_a_multiple_of_the_short_one(ratio, stride):
-    """Either step is made shorter, whichever costs less."""
+    """The cheaper of the two steps becomes shorter."""
     assert choose_stride(ratio) == stride and choose_stride(np.inf) == 1
 
 

@@ -161,10 +161,10 @@ def test_singular_rows_are_counted():
 @pytest.mark.parametrize("n", [1, 2, 5, 300])
 def test_the_top_of_a_tridiagonal_matrix(n):
     rng = np.random.default_rng(n)
-    diagonal, beside = rng.normal(size=n), rng.normal(size=n)
-    whole = np.diag(diagonal) + np.diag(beside[: n - 1], 1) + np.diag(beside[: n - 1], -1)
+    diagonal, off_diagonal = rng.normal(size=n), rng.normal(size=n)
+    whole = np.diag(diagonal) + np.diag(off_diagonal[: n - 1], 1) + np.diag(off_diagonal[: n - 1], -1)
     values, vectors = np.linalg.eigh(whole)
-    largest, vector = largest_tridiagonal_eigenpair(diagonal.tolist(), beside.tolist())
+    largest, vector = largest_tridiagonal_eigenpair(diagonal.tolist(), off_diagonal.tolist())
     assert abs(largest - values[-1]) < 1e-13 * n
     assert np.abs(np.abs(vector) - np.abs(vectors[:, -1])).max() < 1e-11
 
@@ -208,7 +208,7 @@ def test_a_pivot_of_zero_is_no_singular_matrix():
 
 
 def test_sets_of_whole_numbers_are_numpys():
-    """Ascending and each once, in whatever shape; which are among others, those beyond all of them too."""
+    """Results are ascending and unique for any shape; membership also holds for numbers beyond the set."""
     rng = np.random.default_rng(1)
     for size, most in ((0, 5), (1, 1), (1000, 50), (1000, 10**11)):
         values, others = rng.integers(0, most, (2, size, 2))

@@ -1,4 +1,4 @@
-"""Steps on a GPU: the bits of the CPU, in numba's simulator of CUDA; what a GPU cannot do is refused."""
+"""Steps on a GPU have the bits of the CPU, in numba's simulator of CUDA; unsupported features are refused."""
 
 import json
 import os
@@ -38,7 +38,7 @@ def scenes():
 
 
 def compare(folder: Path, drawn_from, count: int, how: str) -> Counter:
-    """Draw jobs and run them on CPU and simulated GPU, as `gpu_runs` does; count what became of them."""
+    """Draw jobs and run them on CPU and simulated GPU, as `gpu_runs` does; count the results."""
     places: list[Path] = []
 
     @hypothesis.settings(max_examples=count, derandomize=True, phases=[hypothesis.Phase.generate], **QUIET)
@@ -55,7 +55,7 @@ def compare(folder: Path, drawn_from, count: int, how: str) -> Counter:
 
 
 def run_on_both(places: list[Path], how: str) -> Counter:
-    """Run job.toml of each folder on CPU and simulated GPU; count what became of those that ran."""
+    """Run job.toml of each folder on CPU and simulated GPU; count the results of successful runs."""
     command = [sys.executable, ROOT / "tests" / "gpu_runs.py", how, *places]
     done = subprocess.run(command, capture_output=True, text=True, timeout=1800, env=os.environ)
     assert done.returncode == 0, done.stderr
@@ -174,7 +174,7 @@ WITHOUT_MEMORY = "from netfall.gpu import stepper\nstepper.free_memory = lambda:
 
 
 def test_a_net_that_does_not_fit_the_device_is_refused_or_runs_on_the_cpu(tmp_path):
-    """`--device gpu` says what it needs and what is free, `--device auto` notes that it does not fit."""
+    """`--device gpu` prints needed and free memory, `--device auto` notes that the net does not fit."""
     (tmp_path / "job.toml").write_text(JOB)
     program = WITHOUT_MEMORY + "from netfall.__main__ import main\nmain()"
     line = [sys.executable, "-c", program, "run", "job.toml", "--device"]
@@ -232,11 +232,11 @@ def test_a_missing_extra_is_named_in_one_line(tmp_path):
 def test_the_step_compiles_for_a_device_without_products_that_may_be_fused(tmp_path):
     """With the versions of the extra, in an environment of their own; no device is needed."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    wanted = [*project["dependencies"], *project["optional-dependencies"]["gpu"]]
+    requirements = [*project["dependencies"], *project["optional-dependencies"]["gpu"]]
     subprocess.run([sys.executable, "-m", "venv", tmp_path / "gpu"], check=True)
     python = tmp_path / "gpu" / "bin" / "python"
     pip = [python, "-m", "pip", "install", "-q", "--disable-pip-version-check", "--only-binary", ":all:"]
-    if subprocess.run([*pip, *wanted], timeout=3600).returncode:
+    if subprocess.run([*pip, *requirements], timeout=3600).returncode:
         pytest.skip("packages cannot be had here")
     environment = os.environ | {"PYTHONPATH": str(ROOT / "src")}
     command = [python, ROOT / "tests" / "gpu_ptx.py", tmp_path]

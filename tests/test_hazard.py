@@ -292,7 +292,7 @@ def test_new_criteria_and_hazards_need_no_new_runs(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text, says",
+    "text, message",
     [
         ('[[failure]]\nname = "a"\noutcome = "speed"\nlimit = 1.0', 'expected one of "first_fracture"'),
         (
@@ -329,11 +329,11 @@ def test_new_criteria_and_hazards_need_no_new_runs(tmp_path):
         ("title = 3", "title = 3: expected a text"),
     ],
 )
-def test_errors_in_these_sections_are_named(tmp_path, text, says):
+def test_errors_in_these_sections_are_named(tmp_path, text, message):
     study = write(tmp_path)
     head, rest = (text, "") if text.startswith("title") else ("", text)
     study.write_text(head + STUDY + rest)
-    assert says in run_on_standing_ranks("study", study, cwd=tmp_path, code=2).stderr
+    assert message in run_on_standing_ranks("study", study, cwd=tmp_path, code=2).stderr
 
 
 def test_limits_of_outcomes_take_units():

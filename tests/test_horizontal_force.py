@@ -157,7 +157,7 @@ def test_other_groups_keep_their_prestress(workshop):
 
 
 @pytest.mark.parametrize(
-    "cable, form, elements, wanted",
+    "cable, form, elements, message",
     [
         ("horizontal_force = 1e3\n", "", THREE, "[cable] horizontal_force: needs [form_finding] method ="),
         ("horizontal_force = 1e3\n", "[form_finding]\n", THREE, "Set this method, or give prestress. [E171]"),
@@ -171,11 +171,11 @@ def test_other_groups_keep_their_prestress(workshop):
         ),
     ],
 )
-def test_features_without_horizontal_force_are_refused(workshop, cable, form, elements, wanted):
+def test_features_without_horizontal_force_are_refused(workshop, cable, form, elements, message):
     """The error has a remedy."""
     nodes = TRIANGLE + ("5,5,2,-4,1\n" if "4,5" in elements else "")
     job = workshop.job(BARE + cable + form, nodes, elements)
-    assert wanted in "\n".join(error_lines(lambda: build_net(read_job(job))))
+    assert message in "\n".join(error_lines(lambda: build_net(read_job(job))))
 
 
 def test_forces_that_pull_two_nodes_together_have_no_form():

@@ -26,7 +26,7 @@ from netfall.post.plots.net import select_cables
 
 
 def test_the_first_job_is_valid_and_names_every_key(tmp_path):
-    """It passes the check as it stands; each key is there, and a section that is uncommented is read."""
+    """It passes the check unchanged. Each key is present, and an uncommented section is read."""
     path = tmp_path / "roof.toml"
     path.write_text(new_job(path))
     lines = []
@@ -48,7 +48,7 @@ def test_the_first_job_is_valid_and_names_every_key(tmp_path):
 
 @pytest.mark.parametrize("name, command", COMMANDS.items())
 def test_help_has_examples_that_the_command_takes(name, command):
-    """Each command has an example; the function takes what the options give."""
+    """Each command has an example; its function accepts the options of the example."""
     parsers = next(action for action in parser()._actions if action.dest == "command").choices
     _, _, examples = parsers[name].format_help().partition("\n\nexample")
     lines = [line for line in examples.splitlines() if "  " in line]

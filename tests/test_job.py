@@ -28,7 +28,7 @@ def test_every_number_has_an_upper_bound():
 
 @pytest.mark.parametrize("section, key", ALL_KEYS, ids=NAMES)
 def test_each_key_refuses_what_its_row_forbids(workshop, section, key):
-    """The line names file, section, key, value and what is allowed."""
+    """The line names file, section, key, value and allowed values."""
     path = workshop.job(WHOLE)
     for value in wrong_values(key):
         name = f"{section}.{key.name}".lstrip(".")

@@ -132,7 +132,7 @@ def test_a_limit_of_a_removed_group_has_no_nodes(workshop):
 
 
 @pytest.mark.parametrize(
-    "limits, wanted",
+    "limits, message",
     [
         ("displacement = 'span/250'\n", '[limits] span: missing. displacement = "span/250" is a share of it'),
         ("[limits.group.lower]\ndisplacement = 'span/9'\n", "[limits.group.lower] span: missing."),
@@ -151,11 +151,11 @@ def test_a_limit_of_a_removed_group_has_no_nodes(workshop):
         ("[limits.group.lower]\nslack = 1\n", "[limits.group.lower] slack: unknown key"),
     ],
 )
-def test_wrong_limits_are_refused(workshop, limits, wanted):
+def test_wrong_limits_are_refused(workshop, limits, message):
     """With the place, the value and the allowed range."""
     text = LIMITED.replace("displacement = '2 mm'\n", limits)
     job = workshop.job(text, ROOFED, FACES)
-    assert wanted in "\n".join(error_lines(lambda: build_net(read_job(job))))
+    assert message in "\n".join(error_lines(lambda: build_net(read_job(job))))
 
 
 def test_a_case_has_its_loads_in_the_result(dead):

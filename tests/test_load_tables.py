@@ -47,9 +47,9 @@ def test_a_load_table_has_the_bits_of_loads_of_nodes(both_ways):
     text = CABLES + LOAD + 'load_table = "rig.csv"\nsteps = 1\n'
     steps = both_ways.solve(text, NODES, TWO, output="load.vtkhdf")
     for name in ("tension", "displacement"):
-        wanted = nodes["cases/own"][name][:]
-        assert np.array_equal(table["cases/rig"][name][:], wanted)
-        assert np.abs(steps["statics"][name][-1] - wanted).max() < 1e-9 * np.abs(wanted).max()
+        expected = nodes["cases/own"][name][:]
+        assert np.array_equal(table["cases/rig"][name][:], expected)
+        assert np.abs(steps["statics"][name][-1] - expected).max() < 1e-9 * np.abs(expected).max()
 
 
 def test_loads_of_nodes_and_elements_by_hand(workshop):
@@ -223,8 +223,8 @@ def test_an_export_omits_loads_of_removed_elements(workshop):
     is_present = first["net/element_id"][:] < 11
     with workshop.run(workshop.folder / "t.csv" / "job.toml", output="again.vtkhdf") as again:
         for name in ("ice", "again", "stay"):
-            wanted = first[f"cases/{name}/tension"][:][is_present]
-            assert np.abs(again[f"cases/{name}/tension"][:] - wanted).max() <= 1e-6 * wanted.max()
+            expected = first[f"cases/{name}/tension"][:][is_present]
+            assert np.abs(again[f"cases/{name}/tension"][:] - expected).max() <= 1e-6 * expected.max()
 
 
 WRONG = [

@@ -315,8 +315,8 @@ def test_a_node_that_separates_on_two_ranks_is_separate_on_both(workshop, owners
     assert one["events/element"][:].tolist() == [0, 1] and (one["events/particle"][:] == 1).all()
     assert one["events/new_particle"][:].tolist() == [3 + 2 * 0 + 1, 3 + 2 * 1 + 0]
     # 20 kN on 0.5 kg; the cables hold up to 250 N of it, and a step is a fortieth of the time
-    way = 5.0 * np.sqrt(1.002**2 - 1.0)
-    assert one["events/time"][0] == pytest.approx(np.sqrt(2.0 * way / (2e4 / 0.5)), rel=0.04)
+    sag = 5.0 * np.sqrt(1.002**2 - 1.0)
+    assert one["events/time"][0] == pytest.approx(np.sqrt(2.0 * sag / (2e4 / 0.5)), rel=0.04)
     ends = np.array([[0, 1], [1, 2]])
     folder = workshop.folder / "partitions"
     folder.mkdir()

@@ -19,18 +19,18 @@ def test_a_long_title_is_printed_and_drawn(workshop):
 
 
 @pytest.mark.parametrize(
-    "speed, surface_drag, says",
+    "speed, surface_drag, message",
     [
         ("1e200", "0.03", "expected a number from 0.1 to 200 m/s"),
         ("0.001", "0.03", "expected a number from 0.1 to 200 m/s"),
         ("0.5", "0.03", "Set [wind] time_step >= 0.1, or surface_drag = 0"),
     ],
 )
-def test_an_impossible_wind_is_refused(workshop, speed, surface_drag, says):
+def test_an_impossible_wind_is_refused(workshop, speed, surface_drag, message):
     """At once: no overflow, and no minutes for the lags of gusts that last half an hour."""
     job = workshop.job(TINY, NODES, ELEMENTS)
     values = ("--set", f"wind.speed={speed}", "--set", f"wind.surface_drag={surface_drag}")
-    assert says in refused("check", job, *values, timeout=120)
+    assert message in refused("check", job, *values, timeout=120)
 
 
 def test_a_slow_wind_without_gusts_runs(workshop):

@@ -72,7 +72,7 @@ def test_the_support_that_damps_does_not_depend_on_order_or_rounding(workshop):
 
 @pytest.mark.parametrize("air", [0.0, 40.0])
 def test_a_net_that_moves_with_its_supports_breaks_at_the_same_end(workshop, air):
-    """Galilei: of 15 and 10 kN at its ends the larger decides, whatever is damped and with what air."""
+    """The larger of 15 and 10 kN at its ends decides in any moving frame, with any damping and air."""
     nodes = "id,x,y,z,fixed,mass,load_x,area\n1,0,0,0,1,,,0\n2,10,0,0,0,50,-20000,0\n"
     nodes += "3,20,0,0,0,50,25000,1\n4,30,0,0,1,,,0\n"
     text = BAR.replace("1e9", "2e9") + "[group.weak]\nfracture_strain = 0.05\n"
@@ -254,7 +254,7 @@ def test_a_node_that_a_stage_holds_can_be_moved(workshop):
     ],
 )
 def test_wrong_motions_are_refused(workshop, entry, message):
-    """With exit code 2, a line that says what is expected, and no result."""
+    """The exit code is 2, a line names the expected value, and there is no result."""
     nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,10,0,0,0,50\n3,20,0,0,1,\n"
     job = workshop.job(
         STEEL + f"[dynamics]\nduration = 0.1\n[[motion]]\n{entry}", nodes, "start,end\n1,2\n2,3\n"
@@ -297,7 +297,7 @@ UNITS_IN_HEADS = [  # m/s2 of one; None: refused
 
 @pytest.mark.parametrize("words, one", UNITS_IN_HEADS)
 def test_a_record_is_read_in_the_unit_of_its_head(tmp_path, words, one):
-    """The unit stands anywhere in the head. Unknown ones, two, and none at all are refused."""
+    """The unit may be anywhere in the head. Unknown, double and missing units are refused."""
     record = tmp_path / "record.AT2"
     record.write_text(f"made\n{words}\nby hand\nNPTS= 3, DT= .01 SEC\n0 10 20\n")
     if one is None:

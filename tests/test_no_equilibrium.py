@@ -138,7 +138,7 @@ def test_the_limit_load_does_not_depend_on_load_steps(workshop):
 
 
 def test_progress_describes_the_search_without_a_remaining_time(workshop, monkeypatch):
-    """Each line names what is searched or relaxed. The remaining time is unknown."""
+    """Each line names the search or the relaxation. The remaining time is unknown."""
     monkeypatch.setattr("netfall.core.progress.LINE_EVERY", 0.0)
     monkeypatch.setattr(interior_point, "MOST_STEPS", 0)
     job, out = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-6e6), HANGERS), io.StringIO()

@@ -1,4 +1,4 @@
-"""Every kind of result through everything that reads one: an answer, or a line of what is not there."""
+"""Every command that reads results, on every kind of result: an answer, or one line on missing data."""
 
 import inspect
 from pathlib import Path
@@ -93,7 +93,7 @@ def goes_through_everything(path, folder) -> None:
 
 
 def read_all(path) -> None:
-    """Every property and method of a result; what is not there says what the job lacks."""
+    """Read every property and method of a result. Errors of missing data name the missing part of the job."""
     with netfall.open(path) as result:
         for name in (name for name, _ in inspect.getmembers(Result)):
             if name.startswith("_") or name in ("close", "rest"):  # rest: an old name
@@ -101,8 +101,10 @@ def read_all(path) -> None:
             try:
                 value = getattr(result, name)
                 if callable(value):
-                    wanted = [p for p in inspect.signature(value).parameters.values() if p.default is p.empty]
-                    value = value(*[0.0 for _ in wanted])
+                    required = [
+                        p for p in inspect.signature(value).parameters.values() if p.default is p.empty
+                    ]
+                    value = value(*[0.0 for _ in required])
                 repr(value)
             except (AttributeError, InputError) as error:
                 assert len(str(error)) > 30 and "object has no attribute" not in str(error), (name, error)

@@ -114,7 +114,7 @@ def kept_states(net: LoadedNet, f) -> list[Kept]:
 def balanced(net: LoadedNet, folder: Path, counts: Counter) -> None:
     """Run a job; AssertionError if the reactions of any of its equilibria do not balance the loads.
 
-    counts : takes what came of it, and the largest imbalances
+    counts : receives the exit code and the largest imbalances
     """
     for name, text in (net.tables | {"job.toml": net.text}).items():
         (folder / name).write_text(text)

@@ -311,6 +311,6 @@ def test_answers_do_not_depend_on_the_refinement(workshop):
         ratios = np.array(steps[:-1]) / steps[1:]
         assert ((ratios > 3.5) & (ratios < 4.5))[1:].all() and ratios[0] > 3.5, (steps, ratios)
     (_, _, _, coarse, moved), (before, after, _, fine, moved_finer) = results[2:4]
-    telling = (np.abs(after - before) > 0.1 * before.max()) & (after > 0)  # 0: removed
-    assert telling.sum() > 3 and fine[telling] == pytest.approx(coarse[telling], rel=0.02)
+    has_changed = (np.abs(after - before) > 0.1 * before.max()) & (after > 0)  # 0: removed
+    assert has_changed.sum() > 3 and fine[has_changed] == pytest.approx(coarse[has_changed], rel=0.02)
     assert moved_finer.max() == pytest.approx(moved.max(), rel=0.02)

@@ -594,7 +594,7 @@ def test_a_removal_during_the_motion_after_another_is_named(later, is_named):
 
 
 def test_a_damaged_equilibrium_above_the_strength_has_tensions(workshop):
-    """One of two cables carries W / 2 but not W. Its equilibrium would have W, and the lines say so."""
+    """One of two cables carries W / 2 but not W. The lines state that its equilibrium would have W."""
     text = CABLE.replace("density", f"fracture_strain = {0.9 * WEIGHT / EA}\ndensity")
     whole = dynamics(PERIOD, 400, more="fragments = false\n")
     job = workshop.job(text + whole + entry([0], 0.1), *weights(2))
@@ -611,7 +611,7 @@ def test_a_damaged_equilibrium_above_the_strength_has_tensions(workshop):
 
 
 def test_a_report_without_a_damaged_equilibrium_is_complete(workshop):
-    """No element has a dynamic factor: the page says so without a picture, and the table has the tensions."""
+    """No element has a dynamic factor. The page states this without a picture; the table has the tensions."""
     text = CABLE + dynamics(PERIOD, 400) + entry([0, 1], 0.1)
     workshop.solve(text, *weights(2)).close()
     paths = write_report(workshop.folder / "result.vtkhdf", workshop.folder / "report")

@@ -332,8 +332,8 @@ def test_the_force_at_an_end_includes_half_of_the_line_load(workshop):
     rows = {(row["stage"], row["node"]): row for row in workshop.report().rows("reactions")}
     assert [name for name in envelope.names if name.startswith("stage")] == ["stage a", "stage b", "stage c"]
     for name, high, low in zip(envelope.names, envelope.high, envelope.low):
-        wanted = [abs(float(rows[name, node]["foundation_z"])) for node in "13"]
-        assert [max(high[0], -low[0]), -low[1]] == pytest.approx(wanted, rel=1e-5), name
+        expected = [abs(float(rows[name, node]["foundation_z"])) for node in "13"]
+        assert [max(high[0], -low[0]), -low[1]] == pytest.approx(expected, rel=1e-5), name
 
 
 @pytest.mark.parametrize(
@@ -893,7 +893,7 @@ def test_a_check_without_a_state_of_its_kind_does_not_pass(workshop):
 
 
 def test_limits_without_a_combination_of_service_are_not_checked(workshop):
-    """Load steps are not combinations: a warning and the page say so, also for limits of groups."""
+    """Load steps are not combinations: a warning and the page state this, also for limits of groups."""
     text = STATICS + "[limits.group.lower]\ndisplacement = 0.1\n"
     done = workshop.solve(text, NODES, ELEMENTS.format(ROWS), code=None)
     assert "warning: [limits]: not checked: there is no combination of kind" in done.stdout

@@ -18,7 +18,7 @@ from conftest import (
     start_run,
     wait_for,
 )
-from kill_runs import JOB, changed, tell_stories
+from kill_runs import JOB, changed, repeat_runs_with_kills
 
 CALM = changed(checkpoint_interval=0)
 KILLS = int(os.environ.get("NETFALL_KILLS", "20"))  # of the long story
@@ -29,9 +29,9 @@ SLOW = changed(checkpoint_interval=0.1, time_step=1e-4, frames=8, history_interv
 
 
 @pytest.fixture(scope="module")
-def calm(shared_workshop):
+def undisturbed(shared_workshop):
     """Return the run without interruption or checkpoints."""
-    return shared_workshop.solve(CALM, name="calm", output="calm.vtkhdf")
+    return shared_workshop.solve(CALM, name="undisturbed", output="undisturbed.vtkhdf")
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,7 @@ def test_removed_elements_stay_removed_after_a_restart(workshop):
         pytest.param(2, signal.SIGUSR1, marks=pytest.mark.long),
     ],
 )
-def test_signal_ends_the_run_with_a_checkpoint(workshop, calm, ranks, number):
+def test_signal_ends_the_run_with_a_checkpoint(workshop, undisturbed, ranks, number):
     job = workshop.job(CALM)
     process = start_run(job, workshop.folder / "result.vtkhdf", ranks)
     if ranks == 1 or number == signal.SIGUSR1:
@@ -92,7 +92,7 @@ def test_signal_ends_the_run_with_a_checkpoint(workshop, calm, ranks, number):
     assert "interrupted at t =" in error and "--restart" in error
     assert not (workshop.folder / "result.vtkhdf").exists()
     (checkpoint,) = workshop.folder.glob("*checkpoint*")
-    assert_same_results(calm, workshop.run(job, "--restart", checkpoint, ranks=3 - ranks))
+    assert_same_results(undisturbed, workshop.run(job, "--restart", checkpoint, ranks=3 - ranks))
 
 
 def test_signal_while_a_run_starts_ends_it_with_a_checkpoint(workshop):
@@ -121,13 +121,13 @@ def test_a_stop_signal_after_the_end_does_not_replace_the_exit_code(tmp_path, jo
     assert done.returncode == code
 
 
-def test_walltime_ends_the_run_with_a_checkpoint(workshop, calm):
+def test_walltime_ends_the_run_with_a_checkpoint(workshop, undisturbed):
     """--walltime stops at a common step. The run is restarted until it is done, as by the Slurm scripts."""
     job = workshop.job(CALM)
     done = workshop.run(job, "--walltime", "00:00:00", ranks=2, code=4)
     assert "interrupted in form finding, iteration 0" in done.stderr
     (checkpoint,) = workshop.folder.glob("*checkpoint*")
-    assert_same_results(calm, workshop.run(job, "--restart", checkpoint, "--walltime", "01:00:00"))
+    assert_same_results(undisturbed, workshop.run(job, "--restart", checkpoint, "--walltime", "01:00:00"))
 
 
 @pytest.fixture(scope="module")
@@ -200,9 +200,9 @@ def test_missing_parts_of_the_result_are_named(checkpoints, tmp_path):
 
 
 @pytest.mark.parametrize("kills, ranks", [(2, 2), pytest.param(KILLS, 4, marks=pytest.mark.long)])
-def test_kills_change_no_bit(tmp_path, calm, kills, ranks):
+def test_kills_change_no_bit(tmp_path, undisturbed, kills, ranks):
     """kill -9 of a rank, of mpirun or of all, at random (kill_runs.py); NETFALL_KILLS: of four ranks."""
-    assert tell_stories(tmp_path, calm.filename, kills, random.Random(), LONGEST, ranks) >= 1
+    assert repeat_runs_with_kills(tmp_path, undisturbed.filename, kills, random.Random(), LONGEST, ranks) >= 1
 
 
 def test_sealed_file_stays_readable(checkpoints):

@@ -45,8 +45,8 @@ def test_a_collapsed_form_is_refused(workshop):
 def test_warnings_of_a_net_precede_the_failure_of_its_form(workshop):
     """Element 3 ends 1 mm from support 3. Both warnings come once, before the form collapses."""
     text = SECTION + 'prestress = 1e4\n[form_finding]\nmethod = "force_density"\n'
-    beside, elements = CROSS + "6,0,-1.9991,1,0\n", "start,end\n1,5\n2,5\n6,5\n4,5\n"
-    nodes = beside.replace("3,0,-2,1,1\n", "") + "3,0,-2,1,1\n7,0,-3,1,1\n"
+    near_nodes, elements = CROSS + "6,0,-1.9991,1,0\n", "start,end\n1,5\n2,5\n6,5\n4,5\n"
+    nodes = near_nodes.replace("3,0,-2,1,1\n", "") + "3,0,-2,1,1\n7,0,-3,1,1\n"
     job = workshop.job(text, nodes, elements + "3,7\n")
     warning = "warning: node 6: free, with one element only (node 3 is 0.9 mm away). Form finding pulls "
     unjoined = "warning: nodes lie close to each other and are not joined (6 and 3, 0.9 mm apart). If "
@@ -168,7 +168,7 @@ def test_a_modulus_in_gigapascals_is_refused(workshop):
 
 
 @pytest.mark.parametrize(
-    "limit, says",
+    "limit, message",
     [
         (
             "fracture_strain = 0.05",
@@ -180,18 +180,18 @@ def test_a_modulus_in_gigapascals_is_refused(workshop):
         ),
     ],
 )
-def test_an_unstressed_length_beyond_the_limits_is_refused(workshop, limit, says):
+def test_an_unstressed_length_beyond_the_limits_is_refused(workshop, limit, message):
     """2 m from 1.9 m: a strain of 1 / 19, a force of 1.6e7 / 19 = 8.42e5 N; 1.985 m is within both."""
     elements = "id,start,end,unstressed_length\n7,1,2,{0}\n9,2,3,{0}\n"
     job = workshop.job(f"{SECTION}{limit}\n[dynamics]\nduration = 1e-4\n", LINE, elements.format(1.9))
-    assert "2 elements (7, 9): " + says in refused("run", job)
+    assert "2 elements (7, 9): " + message in refused("run", job)
     (workshop.folder / "elements.csv").write_text(elements.format(1.985))
     notes = make_layout(read_job(job), 1).notes
     assert not [note for note in notes if "unit" in note or "strain" in note]
 
 
 @pytest.mark.parametrize(
-    "change, says",
+    "change, message",
     [
         (
             "cable.modulus=195",
@@ -220,11 +220,11 @@ def test_an_unstressed_length_beyond_the_limits_is_refused(workshop, limit, says
         ("net.saddle.side=7e4", "[net]: the net is 7e+04 m from end to end"),
     ],
 )
-def test_values_in_other_units_are_named(workshop, change, says):
+def test_values_in_other_units_are_named(workshop, change, message):
     """One message for each kind of value that no usual cable has; none for steel."""
     job = workshop.job(WINDY)
     (note,) = make_layout(read_job(job, change.split(";")), 1).notes
-    assert note.startswith(f"warning: {says}")
+    assert note.startswith(f"warning: {message}")
 
 
 @pytest.mark.parametrize(

@@ -235,7 +235,7 @@ def test_a_single_bar_of_a_group_that_bends_is_checked_for_buckling(workshop):
 
 
 @pytest.mark.parametrize(
-    "change, says",
+    "change, message",
     [
         (
             ("design_strength = 355e6\n", ""),
@@ -249,10 +249,10 @@ def test_a_single_bar_of_a_group_that_bends_is_checked_for_buckling(workshop):
         (('kind = "bar"\n', ""), "section_modulus = 0.0003286: only for bars"),
     ],
 )
-def test_wrong_keys_of_the_check_are_refused(workshop, change, says):
+def test_wrong_keys_of_the_check_are_refused(workshop, change, message):
     text, nodes, elements = masts()
     text = (CABLES + text + LOAD).replace(*change)
-    assert says in run_on_standing_ranks("check", workshop.job(text, nodes, elements), code=2).stderr
+    assert message in run_on_standing_ranks("check", workshop.job(text, nodes, elements), code=2).stderr
 
 
 def test_a_design_strength_without_section_modulus_is_named(workshop):

@@ -99,8 +99,8 @@ def test_divergence_is_reported_for_the_first_row_of_a_table(workshop, monkeypat
     text, *tables = DIVERGES
     job = workshop.job(text + "[output]\nframes = 1\nhistory_interval = 1e-4\n", *tables)
     errors = []
-    for room in (128, 1):
-        monkeypatch.setattr(rows, "MOST_ROWS", room)
+    for most_rows in (128, 1):
+        monkeypatch.setattr(rows, "MOST_ROWS", most_rows)
         with pytest.raises(DivergedError) as raised:
             workshop.run_here(job)
         errors.append(str(raised.value))

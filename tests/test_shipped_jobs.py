@@ -1,4 +1,4 @@
-"""A key is there because a shipped job or study shows what it is for."""
+"""Every key is used by a shipped job or study that shows its purpose."""
 
 import tomllib
 from types import SimpleNamespace
@@ -89,7 +89,7 @@ def truss(q, EA):
 
 @pytest.fixture(scope="module")
 def snow(tmp_path_factory):
-    """jobs/trusses.toml without its skylight, in snow: what a node sinks by [m], an element's tension [N]."""
+    """Return sag [m] of a node and tension [N] of an element of jobs/trusses.toml without its skylight."""
     path = tmp_path_factory.mktemp("trusses") / "result.vtkhdf"
     even = ("--set", "load.zone.skylight.dead=200", "--set", "dynamics.duration=0.01")
     job = ROOT / "jobs" / "trusses.toml"

@@ -110,7 +110,9 @@ def clamped_ring(resistance, duration=0.5, step=1e-4, density=1e-3):
 
 @pytest.mark.parametrize("share, ranks", [(0.05, 1), (0.1, 1), (0.0, 2)])
 def test_tension_grows_from_clamp_to_clamp_next_to_a_removed_segment(both_ways, share, ranks):
-    """Each clamp holds its resistance R: the k-th segment from the gap has k R, up to what was there.
+    """Each clamp holds its resistance R: the k-th segment from the gap has k R, up to its initial tension.
+
+    The gap opens slowly. By its inertia a slip goes slightly too far. Statics give the same forces.
 
     The gap opens slowly: a slip that starts goes a little too far, by its inertia. At rest the same is found.
     """

@@ -50,7 +50,7 @@ def warnings_of(workshop, job) -> list[str]:
 
 @pytest.mark.parametrize("steps", [1, 5])
 def test_a_shallow_frame_beyond_its_limit_load_is_a_warning(workshop, steps):
-    """1.05 times the limit load of the truss, in one step and in five: run, info and report say so, to 0.4 %.
+    """1.05 times the limit load of the truss, in one step and in five: run, info and report warn, to 0.4 %.
     The interval with the jump is 1/512 of a load step.
     """
     job = frame(workshop, 1.05, f"steps = {steps}\n")

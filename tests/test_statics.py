@@ -83,8 +83,8 @@ def test_stability_is_checked_at_the_displaced_positions(workshop):
     assert done.returncode == 0 and "could not be decided" not in done.stdout
 
 
-@pytest.mark.parametrize("top, noted", [(5.0, True), (-5.0, False)])
-def test_a_net_that_snaps_through_is_a_warning(workshop, top, noted):
+@pytest.mark.parametrize("top, is_noted", [(5.0, True), (-5.0, False)])
+def test_a_net_that_snaps_through_is_a_warning(workshop, top, is_noted):
     """From 5 m above the square the top moves by 10 m, from 5 m below it by less than 0.01 m."""
     nodes = "id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,10,0,0,1,0\n3,10,10,0,1,0\n4,0,10,0,1,0\n"
     cable = "[cable]\nmodulus = 1e11\narea = 1e-3\ndensity = 7850.0\n[load]\nself_weight = false\nsteps = 2\n"
@@ -93,7 +93,9 @@ def test_a_net_that_snaps_through_is_a_warning(workshop, top, noted):
     )
     with workshop.open() as f:
         moved = -f["statics/displacement"][-1][4, 2]
-    assert done.returncode == 0 and ((9.99 < moved < 10.01) if noted else (0.0 < moved < 0.01))
+    assert done.returncode == 0 and ((9.99 < moved < 10.01) if is_noted else (0.0 < moved < 0.01))
     for text in (done.stdout, workshop.info(), workshop.report().page):
         lines = [line for line in text.splitlines() if "warning: statics: node 5 moved by 100" in line]
-        assert len(lines) == noted and all("mm, more than 20% of the largest" in line for line in lines), text
+        assert len(lines) == is_noted and all("mm, more than 20% of the largest" in line for line in lines), (
+            text
+        )

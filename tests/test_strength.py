@@ -130,17 +130,17 @@ def test_an_area_of_a_row_that_changes_no_stiffness_is_named(workshop):
 
 
 @pytest.mark.parametrize(
-    "own, noted", [("", ["axial_stiffness", "mass_per_length"]), ("modulus = 1e11\n", [])]
+    "own, keys", [("", ["axial_stiffness", "mass_per_length"]), ("modulus = 1e11\n", [])]
 )
-def test_an_area_of_a_group_that_changes_no_stiffness_is_named(workshop, own, noted):
+def test_an_area_of_a_group_that_changes_no_stiffness_is_named(workshop, own, keys):
     """EA of [cable] keeps stiffness and mass. With modulus and density the area counts."""
     own += "density = 7850.0\n" * bool(own)
     section = f"[cable]\naxial_stiffness = 1e8\nmass_per_length = 2.0\n[group.'e*']\narea = 5e-4\n{own}"
     net = net_of(workshop, table("group", ["edge", "end", *["a"] * 5]), section=section)
-    assert net.EA[:3].tolist() == pytest.approx([1e8 if noted else 5e7] * 2 + [1e8])
+    assert net.EA[:3].tolist() == pytest.approx([1e8 if keys else 5e7] * 2 + [1e8])
     notes = [note for note in net.notes if "area: does not change" in note]
     start = "note: [group.e*] area: does not change"
-    assert [note.partition(", which")[0] for note in notes] == [f"{start} {key}" for key in noted]
+    assert [note.partition(", which")[0] for note in notes] == [f"{start} {key}" for key in keys]
 
 
 @pytest.mark.parametrize(
@@ -151,14 +151,14 @@ def test_an_area_of_a_group_that_changes_no_stiffness_is_named(workshop, own, no
         ("force_density", "[form_finding]\n", False),
     ],
 )
-def test_an_unused_prestress_of_a_row_is_named(workshop, column, form, noted):
+def test_an_unused_prestress_of_a_row_is_named(workshop, column, form, is_noted):
     """For rows with both values; form finding by prestress uses it."""
     rows = ["5e4,2.0", "5e4,", ",2.0", *["5e4,"] * 4]
     net = net_of(workshop, table(f"prestress,{column}", rows), section=STEEL + form)
     notes = [note for note in net.notes if "column prestress" in note]
     assert [note[: note.index(". L")] for note in notes] == [
         f"note: column prestress of element 0: no effect: the same rows give {column}"
-    ] * noted
+    ] * is_noted
 
 
 WRONG = {  # keys of [cable], a column of elements.csv, and words of the message

@@ -118,7 +118,7 @@ def test_trade_recommends_no_run_with_a_large_energy_balance_error():
 
 
 @pytest.mark.parametrize(
-    "arguments, says",
+    "arguments, message",
     [
         (["scale", "--ranks", "0"], "expected a whole number >= 1"),
         (["scale", "--ranks", "1", "--launcher", "mpirun"], "{ranks}"),
@@ -127,9 +127,9 @@ def test_trade_recommends_no_run_with_a_large_energy_balance_error():
         (["trade", "--vary", "dynamics.safty=1"], "safety"),
     ],
 )
-def test_wrong_studies_are_refused(workshop, arguments, says):
+def test_wrong_studies_are_refused(workshop, arguments, message):
     done = run_on_standing_ranks(arguments[0], workshop.job(JOB), *arguments[1:], cwd=workshop.folder, code=2)
-    assert says in done.stderr and "Traceback" not in done.stderr
+    assert message in done.stderr and "Traceback" not in done.stderr
     assert {p.suffix for p in workshop.folder.iterdir()} <= {".toml", ".h5"}
 
 

@@ -1,4 +1,4 @@
-"""Whole jobs: order of convergence up to the first fracture, and what an ensemble of winds says after it."""
+"""Whole jobs: order of convergence up to the first fracture, and statistics of an ensemble after it."""
 
 import numpy as np
 import pytest

@@ -1,6 +1,6 @@
 """Gusts against PyConTurb, a generator by another method, and a spectrum fitted to measured wind.
 
-PyConTurb's statistics are stored (wind_reference.npz, made by wind_reference.py, whose head says how).
+PyConTurb's statistics are stored in wind_reference.npz; wind_reference.py describes and makes them.
 """
 
 from types import SimpleNamespace

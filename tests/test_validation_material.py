@@ -192,7 +192,7 @@ def test_cycles_with_slack(both_ways, compare, strain):
 
 
 def test_three_cables_past_yield(both_ways, compare):
-    """The middle one of three cables yields: what it carries stays, the slanted ones take the rest."""
+    """The middle one of three cables yields: its force remains, the inclined ones carry the rest."""
     H, P = 5.0, 2.2 * NY
     above = [(k, x, 0.0, H, 1, 0.0) for k, x in enumerate((-H, 0.0, H))]
     nodes = table("id,x,y,z,fixed,load_z", [*above, (3, 0.0, 0.0, 0.0, 0, -P)])

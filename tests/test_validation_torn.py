@@ -1,9 +1,9 @@
 """A net torn by netfall, OpenSees and LAMMPS under nine loads: the intact motion to digits, the order of the
-first fractures, and what is chaotic by its distribution over 20 runs.
+first fractures, and the distribution of chaotic results over 20 runs.
 
-The answers of the others are stored (collapse_reference.npz, made by collapse_reference.py, whose head says
-how). Both take an element out before the force of the step in which it passes its strength, netfall after it
-(paper 2.4): after some twenty fractures the order differs. A loop in plain numpy shows that this is all.
+The answers of the others are stored in collapse_reference.npz; collapse_reference.py describes and makes
+them. Both remove an element before the force of the step in which it exceeds its strength, netfall after it
+(paper 2.4), so the order differs after some twenty fractures. A loop in plain numpy shows the same.
 """
 
 import sys

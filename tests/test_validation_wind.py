@@ -198,7 +198,7 @@ def test_oscillator_in_the_generated_wind(both_ways, compare):
 
 
 def response(n):
-    """|H|^2 [m2/N2] of the oscillator; what lies beyond linear interpolation between samples is taken off."""
+    """Return |H|^2 [m2/N2] of the oscillator without the part beyond linear interpolation between samples."""
     w = 2 * np.pi * n
     return np.sinc(n * DT) ** 4 / ((EA / TIE - LUMP * w**2) ** 2 + (ZETA * LUMP * w) ** 2)
 

@@ -56,7 +56,7 @@ def test_a_sample_that_is_too_weak_has_failed(workshop, strength, more, load, co
 
 
 def test_a_wrong_sample_has_not_failed_by_its_strength(workshop):
-    """A compressed cable is an error of the job, which says nothing of the strength."""
+    """A compressed cable is an error of the job, not a failure by its strength."""
     job = weak_job(workshop, "breaking_load = 110e3")
     read = lambda: read_job(job, ["cable.prestress=-1.0"])
     assert run_sample(MPI.COMM_SELF, read, None, ResultCache())["state"] == "failed"

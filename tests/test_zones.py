@@ -176,7 +176,7 @@ def test_invalid_shares_are_refused(workshop, zone, share):
 
 
 def test_shares_and_cuts_exclude_each_other(workshop):
-    """The shares do not say what a polygon would cut."""
+    """A polygon could not cut given shares."""
     entry = cut("half", 0, -1, 1.5, 1)
     with pytest.raises(
         InputError,

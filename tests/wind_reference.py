@@ -3,15 +3,15 @@
     python wind_reference.py          by a Python that has pyconturb; renews tests/wind_reference.npz
 
 PyConTurb (Rinker 2018; Veers 1988: sums of cosines with random phases, correlated by Cholesky factors of
-the coherence at each frequency) generates the speed at every node. Stored are the statistics of each
-realisation, by `statistics`. They are those of pyconturb 2.7.4. Cases:
+the coherence at each frequency) generates the speed at every node. The file contains the statistics of each
+realisation, by `statistics`, of pyconturb 2.7.4. Cases:
 
-    davenport   Davenport's spectrum and coherence, as netfall has them
+    davenport   Davenport's spectrum and coherence, as in netfall
     kaimal      PyConTurb's own Kaimal spectrum (IEC 61400-1), Davenport's coherence
     iec         the same spectrum and the coherence of IEC 61400-1, which netfall does not have
 
-PyConTurb's coherence knows distances across the wind alone. The positions that it gets are therefore x and y
-times the decay along and across the wind.
+PyConTurb's coherence uses distances across the wind only. Its positions are therefore x and y times the decay
+along and across the wind.
 """
 
 import tempfile
