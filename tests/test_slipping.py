@@ -113,8 +113,6 @@ def test_tension_grows_from_clamp_to_clamp_next_to_a_removed_segment(both_ways, 
     """Each clamp holds its resistance R: the k-th segment from the gap has k R, up to its initial tension.
 
     The gap opens slowly. By its inertia a slip goes slightly too far. Statics give the same forces.
-
-    The gap opens slowly: a slip that starts goes a little too far, by its inertia. At rest the same is found.
     """
     f = both_ways.solve(*clamped_ring(share * T0), ranks=ranks)
     k = np.minimum(np.arange(1, CLAMPS), np.arange(CLAMPS - 1, 0, -1))
