@@ -14,9 +14,8 @@ def free_plate(kappa, step, damping=0.0, air=0.0):
     """Return a plate of 4 m2 and 100 kg under 500 N upward, on a slack cable."""
     nodes = PLATE + "2,0,0,-9,0,100,500,4,0,0,1\n"
     text = BARE + STEADY
-    text += f"pressure_coefficient = 0.0\naerodynamic_damping = {kappa}\n"
-    text += f"[load]\nself_weight = false\nadded_mass = {air}\n"
-    text += f"[dynamics]\nduration = 1.0\ntime_step = {step}\nmass_damping = {damping}\n"
+    text += f"pressure_coefficient = 0.0\naerodynamic_damping = {kappa}\n[load]\nself_weight = false\n"
+    text += f"added_mass = {air}\n[dynamics]\nduration = 1.0\ntime_step = {step}\nmass_damping = {damping}\n"
     text += f"[output]\nhistory_interval = {step}\nprobes = [2]\n"
     return text, nodes, "start,end,unstressed_length\n1,2,10.0\n"
 

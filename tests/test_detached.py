@@ -74,11 +74,9 @@ def test_a_free_plate_accelerates_as_in_the_closed_form(workshop, area):
 @pytest.mark.parametrize("vertical", [1, 0])
 def test_a_plane_net_detaches_although_each_node_is_guided(workshop, vertical):
     """Nodes held only across the plane are detached, unless the net has no vertical support."""
-    nodes = (
-        "id,x,y,z,fixed_x,fixed_y,fixed_z,mass,area,normal_x,normal_y,normal_z\n"
-        f"1,0,0,0,1,1,{vertical},0,0,0,0,1\n2,10,0,0,1,0,0,{OWN},{AREA},0,0,1\n"
-        f"3,12,0,0,1,0,0,{OWN},{AREA},0,0,1\n"
-    )
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,mass,area,normal_x,normal_y,normal_z\n"
+    nodes += f"1,0,0,0,1,1,{vertical},0,0,0,0,1\n2,10,0,0,1,0,0,{OWN},{AREA},0,0,1\n"
+    nodes += f"3,12,0,0,1,0,0,{OWN},{AREA},0,0,1\n"
     job = workshop.job(flight(STEADY, 60), nodes, CABLES)
     path, cache = workshop.folder / "result.vtkhdf", ResultCache()
     outcome = run_sample(MPI.COMM_SELF, lambda: read_job(job), path, cache)

@@ -248,8 +248,7 @@ def test_zones_of_a_canopy_and_its_facade_by_hand(workshop, by):
     group = np.where(upright & flat, "fold", np.where(upright, "facade", "canopy")).tolist()
     zones = "".join(f'[[zone]]\nname = "{name}"\n{what}\n' for name, what in where.items())
     loads = "[load.zone.facade]\npressure = 1000.0\n[load.zone.canopy]\npressure = -2000.0\nsnow = 500.0\n"
-    wind = f"[wind]\npressure_coefficient = 0.0\n{WIND}"
-    wind += "[wind.zone.facade]\npressure_coefficient = 0.8\n"
+    wind = f"[wind]\npressure_coefficient = 0.0\n{WIND}[wind.zone.facade]\npressure_coefficient = 0.8\n"
     wind += "[wind.zone.canopy]\npressure_coefficient = -1.2\n"
     text = CABLES + LOAD + loads + zones + wind + DYNAMICS + "[roof]\nnormal = [0, -1, 1]\n"
     model = facade_model(workshop, text, (x, edge, elements, group))

@@ -160,10 +160,8 @@ def mast(levels: int = 3, parts: int = 4, diameter: float = 0.3) -> tuple[str, s
         nodes.append(f"{k + 1 + j},{float(40 * np.cos(angle))!r},{float(40 * np.sin(angle))!r},0,1")
         elements += [f"{k + 1 + j},{parts * (i + 1)},guy{i}" for i in range(levels)]
     text = BARE + '[group."mast*"]\nkind = "bar"\narea = 6e-3\nsecond_moment = 3e-5\nbending = true\n'
-    text += (
-        f'diameter = {diameter}\ndrag_coefficient = 0.9\nprestress = -1e5\n[group."guy*"]\nprestress = 4e4\n'
-    )
-    text += f'diameter = {diameter / 10.0}\n[form_finding]\nmethod = "given_geometry"\n'
+    text += f'diameter = {diameter}\ndrag_coefficient = 0.9\nprestress = -1e5\n[group."guy*"]\n'
+    text += f'prestress = 4e4\ndiameter = {diameter / 10.0}\n[form_finding]\nmethod = "given_geometry"\n'
     return text, HEAD + "\n".join(nodes) + "\n", "start,end,group\n" + "\n".join(elements) + "\n"
 
 

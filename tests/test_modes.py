@@ -117,11 +117,9 @@ def test_a_mode_along_a_cable_has_the_tangent_of_the_law(workshop, strain):
 def test_a_removed_prop_has_no_stiffness_in_modes(workshop):
     """A mass between two taut cables, across them: omega^2 = 2 T / A / m, independent of the prop."""
     nodes = f"id,x,y,z,fixed_x,fixed_y,fixed_z,mass\n1,{-A},0,0,1,1,1,\n2,0,0,0,1,1,0,{M}\n3,{A},0,0,1,1,1,\n"
-    text = (
-        f'[cable]\nmodulus = 1e10\narea = 1e-4\ndensity = 1e-3\nprestress = {T}\n[group.prop]\nkind = "bar"\n'
-    )
-    text += 'prestress = 0.0\n[[stage]]\nname = "struck"\nactive = ["rope"]\n[dynamics]\nduration = 1e-3\n'
-    text += "[output]\nframes = 1\n[modes]\ncount = 1\n"
+    text = f"[cable]\nmodulus = 1e10\narea = 1e-4\ndensity = 1e-3\nprestress = {T}\n[group.prop]\n"
+    text += 'kind = "bar"\nprestress = 0.0\n[[stage]]\nname = "struck"\nactive = ["rope"]\n[dynamics]\n'
+    text += "duration = 1e-3\n[output]\nframes = 1\n[modes]\ncount = 1\n"
     pairs = "start,end,group\n1,2,rope\n2,3,rope\n2,4,prop\n"
     with workshop.solve(text, nodes + "4,0,0,-3,1,1,1,\n", pairs) as f:
         assert f["modes/period"][0] == pytest.approx(2.0 * np.pi * np.sqrt(M * A / (2.0 * T)), rel=1e-6)
@@ -185,9 +183,8 @@ def test_a_free_decay_has_the_period_and_decrement_that_check_prints(workshop):
         shape = np.sin(k * np.pi / (count + 1))
         nodes.append(f"{k},{k},0,0,{int(k in (0, count + 1))},10,{-10.0 * shape}")
     elements = ["start,end"] + [f"{k},{k + 1}" for k in range(count + 1)]
-    text = "[cable]\nmodulus = 1e11\narea = 1e-5\ndensity = 7850.0\nprestress = 1e4\n"
-    text += "[dynamics]\nduration = 2.2\nmass_damping = 0.5\n[output]\nprobes = [[8.0, 0.0]]\n"
-    text += "[modes]\ncount = 2\n"
+    text = "[cable]\nmodulus = 1e11\narea = 1e-5\ndensity = 7850.0\nprestress = 1e4\n[dynamics]\n"
+    text += "duration = 2.2\nmass_damping = 0.5\n[output]\nprobes = [[8.0, 0.0]]\n[modes]\ncount = 2\n"
     path = workshop.job(text, "\n".join(nodes), "\n".join(elements))
     done = run_on_standing_ranks("check", path)
     lines = {line.split()[0]: line for line in done.stdout.splitlines()}

@@ -76,9 +76,8 @@ def test_a_net_that_moves_with_its_supports_breaks_at_the_same_end(workshop, air
     nodes = "id,x,y,z,fixed,mass,load_x,area\n1,0,0,0,1,,,0\n2,10,0,0,0,50,-20000,0\n"
     nodes += "3,20,0,0,0,50,25000,1\n4,30,0,0,1,,,0\n"
     text = BAR.replace("1e9", "2e9") + "[group.weak]\nfracture_strain = 0.05\n"
-    text += f"[load]\nself_weight = false\nadded_mass = {air}\n"
-    text += "[dynamics]\nduration = 0.1\ntime_step = 1e-4\nmass_damping = 4.0\n"
-    text += '[[motion]]\ndisplacement = "move.csv"\n'
+    text += f"[load]\nself_weight = false\nadded_mass = {air}\n[dynamics]\nduration = 0.1\ntime_step = 1e-4\n"
+    text += 'mass_damping = 4.0\n[[motion]]\ndisplacement = "move.csv"\n'
     job = workshop.job(text, nodes, "start,end,group\n1,2,a\n2,3,weak\n3,4,a\n")
     ends = []
     for displacement in (0.0, -100.0):

@@ -583,10 +583,8 @@ def test_progress_is_plain_lines_without_a_terminal(workshop):
 def test_a_full_disk_is_an_error_of_one_line(workshop, ranks=2):
     """A limit on file sizes replaces the full disk. The error names file and space; no file remains."""
     job = workshop.job(changed(checkpoint_interval=0))
-    limited = (
-        "from mpi4py import MPI; import resource; resource.setrlimit(resource.RLIMIT_FSIZE, "
-        "(300_000, 300_000)); from netfall.__main__ import main; main()"
-    )
+    limited = "from mpi4py import MPI; import resource; resource.setrlimit(resource.RLIMIT_FSIZE, "
+    limited += "(300_000, 300_000)); from netfall.__main__ import main; main()"
     command = [BIN / "mpirun", "-n", ranks, BIN / "python", "-c", limited, "run", job, "--quiet"]
     output = ["-o", workshop.folder / "full.vtkhdf", "--set", "output.frames=2000"]
     done = run_process(*command, *output, timeout=120, code=1)

@@ -323,10 +323,8 @@ def test_the_force_at_an_end_includes_half_of_the_line_load(workshop):
         (workshop.folder / f"{name}.csv").write_text(f"element,line_z\n1,{line}\n2,{2 * line}\n")
     text = ICED.replace("ice = '10 mm'", "load_table = 'own.csv'")
     text = text.replace("set = {'load.ice' = '50 mm'}", "load_table = 'case.csv'")
-    stages = (
-        '[[stage]]\nname = "a"\nload_table = "stage.csv"\n[[stage]]\nname = "b"\nset = {"load.dead" = 0.0}\n'
-    )
-    stages += '[[stage]]\nname = "c"\nload_table = "none"\n'
+    stages = '[[stage]]\nname = "a"\nload_table = "stage.csv"\n[[stage]]\nname = "b"\n'
+    stages += 'set = {"load.dead" = 0.0}\n[[stage]]\nname = "c"\nload_table = "none"\n'
     with workshop.solve(text + "all = {load = -0.3, prestress = 0.7}\n" + stages, UPRIGHT, HEAVY) as f:
         envelope = compute_envelope(f, np.full(2, np.nan), end_weights(f))
     rows = {(row["stage"], row["node"]): row for row in workshop.report().rows("reactions")}
@@ -799,8 +797,7 @@ def test_yielding_elements_fail_for_any_utilisation(workshop):
 )
 def test_elements_above_their_strength_in_statics_fail(workshop, strength, load, results):
     """A bar on a weak spring, at its yield force of 100 kN, its strength of 80 kN, a strain of 0.0043."""
-    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_z,load_z\n1,0,0,0,1,1,1,0,0\n"
-    nodes += f"2,0,0,4,1,1,0,1e5,{load}\n"
+    nodes = f"id,x,y,z,fixed_x,fixed_y,fixed_z,spring_z,load_z\n1,0,0,0,1,1,1,0,0\n2,0,0,4,1,1,0,1e5,{load}\n"
     bar = '[cable]\nkind = "bar"\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\n'
     text = f"{bar}{strength}\n[load]\nself_weight = false\nsteps = 1\n"
     workshop.solve(text, nodes, "id,start,end\n7,1,2\n").close()

@@ -232,9 +232,8 @@ def test_values_in_other_units_are_named(workshop, change, message):
 )
 def test_stiffness_and_mass_in_other_units_are_named(workshop, stiffness, mass, expected):
     """A job in kN or in g/m is recognised by the speed of waves. Without an area it has no modulus."""
-    text = (
-        f"[cable]\naxial_stiffness = {stiffness}\nmass_per_length = {mass}\nprestress = {1e-3 * stiffness}\n"
-    )
+    text = f"[cable]\naxial_stiffness = {stiffness}\nmass_per_length = {mass}\n"
+    text += f"prestress = {1e-3 * stiffness}\n"
     notes = make_layout(read_job(workshop.job(text, LINE, "start,end\n1,2\n2,3\n")), 1).notes
     assert any("axial waves run along them at 142.8 m/s" in note for note in notes) == expected
 

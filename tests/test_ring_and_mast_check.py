@@ -266,10 +266,8 @@ def test_moments_after_a_member_removal_count(workshop):
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z,mass\n1,0,0,0,1,1,1,0,0\n2,4,0,0,0,1,0,-1e3,100\n"
     nodes += "3,8,0,0,0,1,1,0,0\n4,4,0,4,1,1,1,0,0\n"
     elements = "id,start,end,group\n0,1,2,beam\n1,2,3,beam\n2,2,4,hanger\n"
-    text = (
-        "[cable]\nmodulus = 2e11\narea = 1e-3\ndensity = 100.0\n[load]\nself_weight = false\n[group.beam]\n"
-    )
-    text += 'kind = "bar"\nbending = true\nsecond_moment = 1e-4\nsection_modulus = 1e-5\n'
+    text = "[cable]\nmodulus = 2e11\narea = 1e-3\ndensity = 100.0\n[load]\nself_weight = false\n"
+    text += '[group.beam]\nkind = "bar"\nbending = true\nsecond_moment = 1e-4\nsection_modulus = 1e-5\n'
     text += "design_strength = 1e8\n[dynamics]\nduration = 2e-4\n[[remove]]\nelements = [2]\ntime = 1e-4\n"
     with workshop.solve(text, nodes, elements) as f:
         moment = f["removal/bending_moment_after"][0]

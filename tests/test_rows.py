@@ -61,11 +61,9 @@ PERIOD = 2 * math.pi / math.sqrt(1e6 / 1000.0)  # s, of 1000 kg on 1e6 N/m
 def let_go(workshop, **output) -> Path:
     """The job of a weight on a cable, let go 1 mm above its rest, with rows at 0 and at 0.9 of a period."""
     nodes = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,{-10 - 10e-3 + 1e-3!r},0,1000,-10000\n"
-    text = "[cable]\naxial_stiffness = 1e7\nmass_per_length = 1e-3\n"
-    text += (
-        f"[dynamics]\nduration = {0.9 * PERIOD!r}\ntime_step = {PERIOD / (4 * dynamics.ENVELOPE_STEPS)!r}\n"
-    )
-    text += f"[output]\nhistory_interval = {PERIOD!r}\nframes = 1\n"
+    text = "[cable]\naxial_stiffness = 1e7\nmass_per_length = 1e-3\n[dynamics]\n"
+    text += f"duration = {0.9 * PERIOD!r}\ntime_step = {PERIOD / (4 * dynamics.ENVELOPE_STEPS)!r}\n[output]\n"
+    text += f"history_interval = {PERIOD!r}\nframes = 1\n"
     text += "".join(f"{key} = {value!r}\n" for key, value in output.items())
     return workshop.job(text, nodes, "start,end,unstressed_length\n1,2,10\n")
 

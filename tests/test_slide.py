@@ -25,9 +25,8 @@ def rope(area=1e-3):
 
 def weight_on_a_ring(slide):
     """Return 1200 N on a ring on a weightless cable of 10 m between (0, 0) and (8, -2)."""
-    nodes = (
-        "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,0,1,1,1,0\n2,4,0,-3,0,1,0,-1200\n3,8,0,-2,1,1,1,0\n"
-    )
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,0,1,1,1,0\n2,4,0,-3,0,1,0,-1200\n"
+    nodes += "3,8,0,-2,1,1,1,0\n"
     elements = "start,end,group,unstressed_length\n2,1,rope,5\n2,3,rope,5\n"
     return rope(area=1e-2) + f"[load]\nself_weight = false\nsteps = 2\n[[slide]]\n{slide}", nodes, elements
 
@@ -177,8 +176,7 @@ def test_friction_that_more_than_doubles_a_tension_converges(workshop):
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_x,load_z\n1,-9,0,0,1,1,1,0,0\n2,9,0,0,1,1,1,0,0\n"
     nodes += "3,0,0,-2,0,1,0,20e3,-8e3\n"
     text = "[cable]\nmodulus = 1.6e11\narea = 2e-4\ndensity = 7850.0\nprestress = 2e4\n[load]\n"
-    text += "self_weight = false\nsteps = 1\ntolerance = 1e-8\n"
-    text += '[[slide]]\ngroup = "c"\nfriction = 2.0\n'
+    text += 'self_weight = false\nsteps = 1\ntolerance = 1e-8\n[[slide]]\ngroup = "c"\nfriction = 2.0\n'
     f = workshop.solve(text, nodes, "start,end,group\n1,3,c\n3,2,c\n")
     x = f["net/particles"][2] + f["statics/displacement"][-1, 2]
     theta = np.arctan2(-x[2], x[0] + 9.0) + np.arctan2(-x[2], 9.0 - x[0])

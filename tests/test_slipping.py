@@ -154,11 +154,10 @@ def torn(shared_workshop):
     lines += [(k, 40 + k, "spoke", spoke[k], 2e-3) for k in range(SIDES)]
     lines.append((6, 60, "tie", 2e4, 2e-3))
     text = ROPE.format(area=1e-3, density=8000.0)
-    text += "[load]\ntolerance = 1e-3\n[dynamics]\nduration = 0.4\nsafety = 0.4\n"
-    text += "[output]\nframes = 4\nhistory_interval = 0.02\ncheckpoint_interval = 0.1\n"
-    text += '[[remove]]\ngroup = "tie"\ntime = 0.02\nduration = 0.0\n'
-    text += "[[remove]]\nelements = [0]\ntime = 0.2\nduration = 0.01\n"
-    text += '[[slide]]\ngroup = "hoop"\nslip_resistance = 8e3\nfriction = 0.02\n'
+    text += "[load]\ntolerance = 1e-3\n[dynamics]\nduration = 0.4\nsafety = 0.4\n[output]\nframes = 4\n"
+    text += 'history_interval = 0.02\ncheckpoint_interval = 0.1\n[[remove]]\ngroup = "tie"\ntime = 0.02\n'
+    text += "duration = 0.0\n[[remove]]\nelements = [0]\ntime = 0.2\nduration = 0.01\n[[slide]]\n"
+    text += 'group = "hoop"\nslip_resistance = 8e3\nfriction = 0.02\n'
     elements = table("start,end,group,prestress,fracture_strain", lines)
     job = shared_workshop.job(text, table(NODES, rows), elements, name="torn")
     return job, shared_workshop.run(job, output="torn.vtkhdf")

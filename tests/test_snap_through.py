@@ -30,11 +30,8 @@ def limit_load() -> float:
 
 def frame(workshop, share: float, more: str = "steps = 1\n"):
     """Return the job of two bars under a share of their limit load."""
-    nodes = (
-        "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n"
-        f"1,0,0,0,1,1,1,0\n2,{0.5 * SPAN},0,{RISE},0,1,0,{-float(share * limit_load())!r}\n"
-        f"3,{SPAN},0,0,1,1,1,0\n"
-    )
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,0,1,1,1,0\n"
+    nodes += f"2,{0.5 * SPAN},0,{RISE},0,1,0,{-float(share * limit_load())!r}\n3,{SPAN},0,0,1,1,1,0\n"
     return workshop.job(BARS + more, nodes, "start,end\n1,2\n2,3\n")
 
 
@@ -203,10 +200,8 @@ def test_a_sample_of_a_study_beyond_a_limit_point_has_failed(workshop, share, mo
 
 def test_a_compression_of_rounding_size_is_stable(workshop):
     """A bar without weight hangs from a loaded cable: its force is rounding error of either sign."""
-    nodes = (
-        "id,x,y,z,fixed,load_x,load_z\n0,0,0,0,1,0,0\n1,10,0,-3,0,3e4,-1e5\n2,20,0,0,1,0,0\n"
-        "3,10,0,-5,0,0,0\n4,10,0,-9,0,0,0\n"
-    )
+    nodes = "id,x,y,z,fixed,load_x,load_z\n0,0,0,0,1,0,0\n1,10,0,-3,0,3e4,-1e5\n2,20,0,0,1,0,0\n"
+    nodes += "3,10,0,-5,0,0,0\n4,10,0,-9,0,0,0\n"
     cables = BARS.replace('"bar"', '"cable"')
     job = workshop.job(
         cables + 'steps = 1\n[group.bar]\nkind = "bar"\n',
@@ -222,9 +217,8 @@ def test_a_compression_of_rounding_size_is_stable(workshop):
 @pytest.mark.parametrize("length, stable", [(8.0, False), (8.05, True)])
 def test_a_mast_whose_guys_are_slack_is_unstable(workshop, length, stable):
     """A shorter mast leaves its guys slack. A bar without weight has no stiffness in both nets."""
-    nodes = "id,x,y,z,fixed,load_z\n0,0,0,0,1,0\n1,0,0,8,0,-2e5\n"
-    nodes += "2,6,0,0,1,0\n3,-3,5.196152422706632,0,1,0\n4,-3,-5.196152422706632,0,1,0\n"
-    nodes += "5,20,0,8,1,0\n6,20,3,4,0,0\n"
+    nodes = "id,x,y,z,fixed,load_z\n0,0,0,0,1,0\n1,0,0,8,0,-2e5\n2,6,0,0,1,0\n3,-3,5.196152422706632,0,1,0\n"
+    nodes += "4,-3,-5.196152422706632,0,1,0\n5,20,0,8,1,0\n6,20,3,4,0,0\n"
     job = workshop.job(
         BARS.replace('"bar"', '"cable"') + 'steps = 1\n[group.bar]\nkind = "bar"\n',
         nodes,
@@ -269,9 +263,8 @@ def test_a_case_with_slack_cables_equals_small_load_steps(workshop):
 @pytest.mark.parametrize("load, falls", [(1e5, False), (2e5, True)])
 def test_a_mast_below_a_saddle_that_turns_over_fails_the_checks(workshop, load, falls):
     """A hinged mast of 8 m, shortened by 3.8 mm under 200 kN, falls: its cables lose 12.8 of 10.1 kN."""
-    nodes = (
-        f"id,x,y,z,fixed,load_x,load_z\n0,0,0,0,1,0,0\n1,0,0,8,0,50,{-load}\n2,6,0,0,1,0,0\n3,-6,0,0,1,0,0\n"
-    )
+    nodes = f"id,x,y,z,fixed,load_x,load_z\n0,0,0,0,1,0,0\n1,0,0,8,0,50,{-load}\n2,6,0,0,1,0,0\n"
+    nodes += "3,-6,0,0,1,0,0\n"
     text = BARS.replace('kind = "bar"\n', "prestress = 2e4\nbreaking_load = 1e6\n") + "steps = 0\n"
     text = (
         text.replace("area = 1e-3", "area = 2e-4")

@@ -86,11 +86,9 @@ def net_of_types(workshop, elements, groups):
 
 def test_rows_override_groups_which_override_the_cable(workshop):
     """For stiffness, mass and breaking load of each element."""
-    groups = (
-        "[group.steel]\nmodulus = 1.6e11\narea = 1e-3\ndensity = 8000.0\n"
-        '[group.strong]\ntype = "FLC60"\nbreaking_load = 3.0e6\n'
-        "[group.light]\naxial_stiffness = 1e8\nmass_per_length = 2.0\n"
-    )
+    groups = "[group.steel]\nmodulus = 1.6e11\narea = 1e-3\ndensity = 8000.0\n[group.strong]\n"
+    groups += 'type = "FLC60"\nbreaking_load = 3.0e6\n[group.light]\naxial_stiffness = 1e8\n'
+    groups += "mass_per_length = 2.0\n"
     rows = ["a,,", "steel,,", "strong,,", "light,,", "steel,FLC60,", "strong,,2e6", "strong,FLC40,1e6"]
     net = net_of_types(workshop, table("group,type,breaking_load", rows), groups)
     stiffness = [1.77e8, 1.6e8, 4.0e8, 1e8, 4.0e8, 4.0e8, 1.77e8]
@@ -108,10 +106,8 @@ def test_rows_override_groups_which_override_the_cable(workshop):
 
 def test_bars_do_not_have_the_type_of_the_cables(workshop):
     """Tubes of 9120 mm2 are not the rope of [cable] in the shop list. A type of a bar applies."""
-    groups = (
-        '[group.mast]\nkind = "bar"\nmodulus = 2.1e11\narea = 9.12e-3\ndensity = 7850.0\n'
-        '[group.rod]\nkind = "bar"\ntype = "FLC60"\n'
-    )
+    groups = '[group.mast]\nkind = "bar"\nmodulus = 2.1e11\narea = 9.12e-3\ndensity = 7850.0\n[group.rod]\n'
+    groups += 'kind = "bar"\ntype = "FLC60"\n'
     net = net_of_types(workshop, table("group", ["a", "mast", "rod", *["a"] * 4]), groups)
     assert net.type[:3].tolist() == [net.type_names.index("FLC40"), -1, net.type_names.index("FLC60")]
 
@@ -285,11 +281,8 @@ def test_a_cable_holds_just_below_its_breaking_load_and_breaks_just_above(worksh
     elements = "start,end,prestress\n" + "".join(
         f"{2 * k},{2 * k + 1},{P - 100.0}\n" for k, P in enumerate(loads)
     )
-    section = (
-        f"[cable]\naxial_stiffness = {EA}\nmass_per_length = 20.0\narea = {AREA}\n"
-        f'strain_measure = "{strain}"\n'
-        f"breaking_load = {F}\n"
-    )
+    section = f"[cable]\naxial_stiffness = {EA}\nmass_per_length = 20.0\narea = {AREA}\n"
+    section += f'strain_measure = "{strain}"\nbreaking_load = {F}\n'
     if law == "plastic":
         section += f"yield_stress = {3600e3 / AREA}\n"
     probes = ", ".join(f"[0.0, {k}.0]" for k in range(4))
@@ -306,9 +299,8 @@ def test_a_cable_holds_just_below_its_breaking_load_and_breaks_just_above(worksh
 
 def test_random_strengths_break_equally_on_two_ranks(both_ways):
     text = '[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 4\nside = 20.0\nrise = 2.0\n' + STEEL
-    text += "breaking_load = 200e3\nstrength_cov = 0.2\n[form_finding]\n"
-    text += "[load]\nself_weight = false\ndead = 500.0\npressure = [0.0, 0.0, 1500.0]\n"
-    text += "[dynamics]\nduration = 0.5\n[output]\nframes = 3\n"
+    text += "breaking_load = 200e3\nstrength_cov = 0.2\n[form_finding]\n[load]\nself_weight = false\n"
+    text += "dead = 500.0\npressure = [0.0, 0.0, 1500.0]\n[dynamics]\nduration = 0.5\n[output]\nframes = 3\n"
     with both_ways.solve(text) as f:
         strength, broken = f["net/strength"][:], np.unique(f["events/element"][:])
         assert 0 < len(broken) < len(strength) and (f["net/breaking_load"][:] == 200e3).all()

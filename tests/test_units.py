@@ -125,9 +125,8 @@ def test_a_displacement_limit_larger_than_the_net_is_a_warning(tables, limit, wa
 @pytest.mark.parametrize("height, warned", [("30000", True), ('"30000 mm"', False), ("-2000", True)])
 def test_an_implausible_base_height_is_a_warning(tables, height, warned):
     case = '[[case]]\nname = "west"\nset = {"wind.speed" = 9.0, "wind.base_height" = HEIGHT}\n'
-    wind = (
-        "[wind]\nspeed = 9.0\nturbulence_intensity = 0.0\npressure_coefficient = -1.0\nbase_height = HEIGHT\n"
-    )
+    wind = "[wind]\nspeed = 9.0\nturbulence_intensity = 0.0\npressure_coefficient = -1.0\n"
+    wind += "base_height = HEIGHT\n"
     text = JOB + wind + case + "[dynamics]\nduration = 0.1\n"
     tables.write_text(text.replace("HEIGHT", height))
     warnings = read_job(tables).warnings

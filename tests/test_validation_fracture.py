@@ -175,15 +175,11 @@ def test_whip_of_a_released_end(both_ways, compare):
 def test_dead_load_falls_with_its_node(both_ways, compare):
     """A hanger breaks at the lower of two weights. The falling part has the acceleration g."""
     length, dead, area, limit, thread = 5.0, 4000.0, np.array([1.0, 5.0]), 2.1e-4, 100.0
-    nodes = (
-        f"id,x,y,z,fixed,area\n1,0,0,0,1,1\n2,0,0,{-length},0,{area[0]}\n"
-        f"3,0,0,{-2 * length},0,{area[1]}\n4,0,0,{-2 * length - 1},1,0\n"
-    )
+    nodes = f"id,x,y,z,fixed,area\n1,0,0,0,1,1\n2,0,0,{-length},0,{area[0]}\n"
+    nodes += f"3,0,0,{-2 * length},0,{area[1]}\n4,0,0,{-2 * length - 1},1,0\n"
     # a slack thread below the weight: an end with a single element would not break off from it
-    elements = (
-        f"start,end,group,area,unstressed_length\n1,2,upper,{A},{length}\n"
-        f"2,3,lower,{A},{length}\n3,4,thread,1e-12,{thread}\n"
-    )
+    elements = f"start,end,group,area,unstressed_length\n1,2,upper,{A},{length}\n2,3,lower,{A},{length}\n"
+    elements += f"3,4,thread,1e-12,{thread}\n"
     text = CABLE + f"[group.lower]\nfracture_strain = {limit}\n"
     text += f"[load]\nself_weight = true\ndead = {dead}\n[dynamics]\nduration = 0.25\ntime_step = 1e-3\n"
     text += "[output]\nframes = 250\nhistory_interval = 0.001\n"

@@ -407,10 +407,8 @@ def test_olympia_net(both_ways, compare):
     # rounding of the linear solution
     assert cutting["unstressed_length"] == pytest.approx(by_hand, rel=1e-10)
     assert sorted(cutting["measuring_load"]) == [0.0] * 4 + [50.0] * 32  # a mast is measured without load
-    digits = (
-        "printed to 10 digits, from force densities printed to 9 "
-        "decimals: the linear solution's slope times half a digit"
-    )
+    digits = "printed to 10 digits, from force densities printed to 9 "
+    digits += "decimals: the linear solution's slope times half a digit"
     for name, unit, got, own, published, within in (
         ("position", "m", ours, x, start + moved, 5e-10 + 5e-10 * np.abs(dx).sum(2)),
         ("force", "N", N, q * L, force, 5e-9 + 5e-10 * np.abs(dN).sum(1)),
@@ -490,10 +488,8 @@ def test_load_case_of_the_paper(both_ways, compare):
     net = '[net]\ngenerator = "saddle"\n[net.saddle]\nrise = -3.66\n' + STEEL.replace(
         "683.08e-6", "3600e-6"
     ).replace("100e3", "1800e3")
-    net += (
-        "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n"
-        "[load]\nself_weight = false\npressure = [0.0, 0.0, -2000.0]\nsteps = 10\ntolerance = 1e-9\n"
-    )
+    net += "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n[load]\nself_weight = false\n"
+    net += "pressure = [0.0, 0.0, -2000.0]\nsteps = 10\ntolerance = 1e-9\n"
     f = both_ways.solve(net)
     start, elements, held = f["net/particles"][:], f["net/elements"][:], f["net/fixed"][:].astype(bool)
     form, _ = equilibrium(start, elements, constant(T), held, np.zeros_like(start))

@@ -233,11 +233,9 @@ def test_force_on_a_flat_roof_by_hand(both_ways, compare, coefficient):
     u_s A rho U^2 / 2 with a third of the square; suction lifts.
     """
     text = LIMP
-    text += (
-        f"[wind]\nonset = 'sudden'\nspeed = 30.0\nsurface_drag = 0.0\npressure_coefficient = {coefficient}\n"
-    )
-    text += "profile_exponent = 0.2\nbase_height = 25.0\n"
-    text += "[dynamics]\nduration = 1.0\ntime_step = 0.01\n"
+    text += "[wind]\nonset = 'sudden'\nspeed = 30.0\nsurface_drag = 0.0\n"
+    text += f"pressure_coefficient = {coefficient}\nprofile_exponent = 0.2\nbase_height = 25.0\n[dynamics]\n"
+    text += "duration = 1.0\ntime_step = 0.01\n"
     f = both_ways.solve(
         text, f"id,x,y,z,fixed,mass,load_z\n1,0,0,5,0,{MASS},0\n" + CORNERS.format(z=5), THREADS
     )

@@ -238,12 +238,10 @@ def test_each_view_shows_the_whole_net_and_a_click_selects_an_element(its_page):
     """Points and axis numbers are visible after each button. The text describes the selected element."""
     numbers = "[...document.querySelectorAll('#canvasTarget div[style*=\"0.75em\"]')]"
     shown = f"return {numbers}.filter(n => n.style.display === 'block').map(n => n.style.transform)"
-    points = (
-        "return netfall.then(s => { const { camera } = s.k3d.getWorld(), n = s.points.length / 3;"
-        "const place = (k) => s.points.subarray(3 * k, 3 * k + 3);"
-        "const at = (k) => camera.position.clone().set(...place(k)).project(camera);"
-        "return [...Array(n).keys()].map(k => at(k).toArray()); })"
-    )
+    points = "return netfall.then(s => { const { camera } = s.k3d.getWorld(), n = s.points.length / 3;"
+    points += "const place = (k) => s.points.subarray(3 * k, 3 * k + 3);"
+    points += "const at = (k) => camera.position.clone().set(...place(k)).project(camera);"
+    points += "return [...Array(n).keys()].map(k => at(k).toArray()); })"
     with browser.browser() as tab:
         tab.open(its_page)
         for side in ("plan", "front", "side", "space"):

@@ -645,10 +645,8 @@ def test_the_overlap_of_cut_zones_is_stated_as_area(workshop, first, share):
 def test_values_of_cut_zones_are_means_by_area(workshop):
     """Wind, pressure as a number and along axes, and dead load, also in the result: half at x = 2."""
     text = ZONED.replace(square("edge", 0, 0, 1, 5), cut("edge", 0, 0, 2, 5))
-    text += (
-        "[load]\nself_weight = false\n"
-        "steps = 1\npressure = 3.0\ndead = 8.0\n[load.zone.edge]\npressure = [0, 0, -1]\nsnow = 5\n"
-    )
+    text += "[load]\nself_weight = false\nsteps = 1\npressure = 3.0\ndead = 8.0\n[load.zone.edge]\n"
+    text += "pressure = [0, 0, -1]\nsnow = 5\n"
     job = workshop.job(STEEL + text, *grid())
     model = model_of(read_job(job))
     assert (model.wind.sum(0) * 20.0**2)[2] == pytest.approx(SUCTION * (2.2 * 10 + 1.0 * 15), rel=1e-14)
@@ -682,10 +680,8 @@ def test_panels_have_the_loads_of_cut_zones(workshop):
     """All panels at a node together carry the node's wind, pressure and mass."""
     text = ZONED.replace(square("edge", 0, 0, 1, 5), cut("edge", 0, 0, 2.3, 5))
     text = text.replace("[wind]\n", '[wind]\nafter_fracture = "panels"\n')
-    text += (
-        "[load]\nself_weight = false\n"
-        "pressure = 3.0\ndead = 8.0\n[load.zone.edge]\npressure = [0, 2, -1]\nsnow = 5\n"
-    )
+    text += "[load]\nself_weight = false\npressure = 3.0\ndead = 8.0\n[load.zone.edge]\n"
+    text += "pressure = [0, 2, -1]\nsnow = 5\n"
     model = model_of(read_job(workshop.job(STEEL + text, *grid())))
     panels, loading = model.panels, model.loading
     at_nodes = lambda values: np.bincount(panels.node, values, model.net.n)
