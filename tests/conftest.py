@@ -43,6 +43,7 @@ area = 683.08e-6
 density = 7850.0
 prestress = 100e3
 """
+BARE = STEEL.replace("prestress = 100e3\n", "")  # without prestress
 
 
 def pytest_addoption(parser):

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from conftest import STEEL, audits
+from conftest import BARE, audits
 
 RHO = 1.25
-BARE = STEEL.replace("prestress = 100e3\n", "")
 STEADY = '[wind]\nonset = "sudden"\nspeed = 20.0\nsurface_drag = 0.0\nprofile_exponent = 0.0\n'
 PLATE = "id,x,y,z,fixed,mass,load_z,area,normal_x,normal_y,normal_z\n1,0,0,0,1,0,0,0,0,0,1\n"
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import STEEL, audits
+from conftest import BARE, audits
 from mpi4py import MPI
 
 from netfall.driver.sample import run_sample
@@ -12,7 +12,6 @@ from netfall.job.read import read_job
 from netfall.results.warning_text import balance_warnings, detached_warnings_of
 
 RHO, STEP = 1.25, 1e-3
-BARE = STEEL.replace("prestress = 100e3\n", "")
 STRING = BARE.replace("683.08e-6", "1e-7")  # cables of next to no mass
 LINE = 7850.0 * 1e-7  # kg/m
 NODES = "id,x,y,z,fixed,mass,area,normal_x,normal_y,normal_z\n1,0,0,0,1,0,0,0,0,1\n"

@@ -5,12 +5,11 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
-from conftest import STEEL
+from conftest import BARE, STEEL
 
 from netfall.core.errors import DivergedError
 from netfall.model.schedule import make_schedule
 
-ELASTIC = STEEL.replace("prestress = 100e3\n", "")
 EA = 1.95e11 * 683.08e-6  # N
 
 
@@ -96,7 +95,7 @@ def test_any_fragments_are_stable_within_the_limit_after_fracture(seed, weak, sp
 
 
 DIVERGES = (
-    ELASTIC + "[load]\nself_weight = false\n"
+    BARE + "[load]\nself_weight = false\n"
     "pressure = [0.0, 0.0, -1e9]\n[dynamics]\nduration = 0.1\ntime_step = 3.1e-3\n",
     "id,x,y,z,fixed,area\n1,0,0,0,1,0\n2,0,0,-10,0,1\n3,5,5,-10,1,0\n",
     "start,end\n1,2\n2,3\n",
@@ -115,7 +114,7 @@ def test_divergence_names_the_last_good_checkpoint(workshop, monkeypatch):
     from netfall.driver.dynamics import stage as dynamics
 
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,-10,0\n3,5,5,-10,1\n"
-    text = ELASTIC + "[dynamics]\nduration = 0.1\n[output]\ncheckpoint_interval = 0.02\n"
+    text = BARE + "[dynamics]\nduration = 0.1\n[output]\ncheckpoint_interval = 0.02\n"
     job = workshop.job(text + "history_interval = 0.05\n", nodes, "start,end\n1,2\n2,3\n")
     advance = dynamics.Simulation.advance_block
 

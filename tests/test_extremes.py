@@ -4,11 +4,10 @@ the table of jobs/trade/README.md.
 
 import numpy as np
 import pytest
-from conftest import ROOT, STEEL, audits
+from conftest import BARE, ROOT, STEEL, audits
 from mpi4py import MPI
 from nets import saddle, table
 
-BARE = STEEL.replace("prestress = 100e3\n", "")
 A, E = 683.08e-6, 1.95e11
 EA, HALF = E * A, 0.5 * 7850.0 * A  # N; kg for each metre
 QUICK = "[output]\nhistory_interval = {}\nframes = {}\n"

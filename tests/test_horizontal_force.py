@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import STEEL, error_lines
+from conftest import BARE, error_lines
 from results import assert_same_results
 from scipy.optimize import brentq
 
@@ -13,7 +13,6 @@ from netfall.geometry.net import GRAVITY, Net
 from netfall.job.read import read_job
 from netfall.statics.form.densities import force_density_form
 
-BARE = STEEL.replace("prestress = 100e3\n", "")
 BY_DENSITY = '[form_finding]\nmethod = "force_density"\ntolerance = 1e-9\n'
 
 

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import STEEL, refused, run_on_standing_ranks
+from conftest import BARE, STEEL, refused, run_on_standing_ranks
 from nets import problem_of, table
 from results import rows_of
 from scipy.optimize import brentq
@@ -17,7 +17,6 @@ from netfall.job.read import read_job
 from netfall.loads.loads import exposed_patches
 from netfall.loads.wind.surface import SurfaceMeans, make_surface
 
-BARE = STEEL.replace("prestress = 100e3\n", "")
 STIFF = BARE.replace("1.95e11", "1e14")
 RHO, U = 1.25, 30.0  # kg/m3, m/s
 HEAD = "id,x,y,z,fixed\n"

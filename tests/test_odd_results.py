@@ -5,7 +5,7 @@ from pathlib import Path
 
 import h5py
 import pytest
-from conftest import ROOT, STEEL, run_on_standing_ranks
+from conftest import BARE, ROOT, STEEL, run_on_standing_ranks
 from matplotlib.figure import Figure
 
 import netfall
@@ -25,7 +25,7 @@ TRIPOD = "id,x,y,z,fixed\n1,0,0,0,1\n2,6,0,0,1\n3,3,5,0,1\n4,3,2,3,0\n"
 LEGS = "id,start,end\n1,1,4\n2,2,4\n3,3,4\n"
 BARS = STEEL.replace("prestress = 100e3", 'kind = "bar"') + "[load]\nself_weight = true\nsteps = 1\n"
 ROPE = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,-5,0\n", "id,start,end\n1,1,2\n"
-HANGS = STEEL.replace("prestress = 100e3\n", "") + "[load]\nself_weight = true\n"
+HANGS = BARE + "[load]\nself_weight = true\n"
 
 # Name: the job, and its tables where it has some.
 JOBS = {

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
-from conftest import ROOT, STEEL, Workshop, refused, run_on_standing_ranks, standing_runs_of_python
+from conftest import BARE, ROOT, STEEL, Workshop, refused, run_on_standing_ranks, standing_runs_of_python
 from results import rows_of
 from scipy.optimize import brentq
 
@@ -34,8 +34,7 @@ BUCKLES = "breaking_load = 80e3\nsecond_moment = 1e-4\nbuckling = true"
 NODES = "id,x,y,z,fixed,load_z\n1,-3,0,4,1,0\n2,3,0,4,1,0\n3,0,0,-4,1,0\n5,0,0,0,0,-200e3\n"
 ELEMENTS = "id,start,end,group,prestress,breaking_load\n{}"
 ROWS = "11,1,5,upper,50e3,240e3\n12,2,5,upper,50e3,240e3\n13,5,3,lower,80e3,\n"
-STATICS = STEEL.replace("prestress = 100e3\n", "")
-STATICS += "[load]\nself_weight = false\nsteps = 1\ntolerance = 1e-9\n"
+STATICS = BARE + "[load]\nself_weight = false\nsteps = 1\ntolerance = 1e-9\n"
 EA = 1.95e11 * 683.08e-6
 
 
@@ -217,8 +216,7 @@ def test_the_cutting_list_of_the_olympia_net_is_that_of_its_published_form(works
 # Areas of 10 m2 at the free node and of 2 m2 at a support; snow on them as a case, and twice as much.
 ROOFED = "id,x,y,z,fixed,area,normal_x,normal_y,normal_z\n1,-3,0,4,1,2,0,0,1\n2,3,0,4,1,0,,,\n"
 ROOFED += "3,0,0,-4,1,0,,,\n5,0,0,0,0,10,0,0,1\n"
-CASES = STEEL.replace("prestress = 100e3\n", "")
-CASES += "[load]\nself_weight = false\nsteps = 0\ntolerance = 1e-10\n"
+CASES = BARE + "[load]\nself_weight = false\nsteps = 0\ntolerance = 1e-10\n"
 CASES += '[[case]]\nname = "snow"\nset = {"load.snow" = 2000.0}\n'
 CASES += '[[case]]\nname = "much"\nset = {"load.snow" = 4000.0}\n'
 

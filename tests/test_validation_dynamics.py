@@ -8,7 +8,7 @@ closed form the tolerance is rounding; elsewhere it is that term.
 import itertools
 
 import numpy as np
-from conftest import STEEL
+from conftest import BARE, STEEL
 from nets import table
 from scipy.integrate import quad, solve_ivp
 from scipy.interpolate import CubicSpline
@@ -17,7 +17,6 @@ from scipy.special import ellipe, ellipk, jn_zeros, jv, jvp
 
 THEME = "Dynamics"
 EXACT = "central difference is exact for a constant force; rounding of some hundred steps"
-BARE = STEEL.replace("prestress = 100e3\n", "")
 E, A, RHO, G = 1.95e11, 683.08e-6, 7850.0, 9.81
 EA, HALF = E * A, 0.5 * RHO * A  # N; kg for each metre
 

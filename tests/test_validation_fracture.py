@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import STEEL
+from conftest import BARE, STEEL
 from nets import table
 from scipy.optimize import brentq
 from test_fracture import PULLED
@@ -10,7 +10,6 @@ from test_fracture import PULLED
 THEME = "Fracture"
 E, A, RHO, G = 1.95e11, 683.08e-6, 7850.0, 9.81
 EA, C = E * A, float(np.sqrt(E / RHO))  # N; m/s, speed of a wave along a cable
-CABLE = STEEL.replace("prestress = 100e3\n", "")
 WHOLE = 1.0 - 1e-12  # of the step L0 / c: below the limit in spite of rounding
 EXACT = "central difference is exact for a constant force; rounding"
 MAGIC = "with the step L0 / c central difference carries waves along a chain without error"
@@ -49,7 +48,7 @@ def test_weight_on_a_cable_that_breaks(both_ways, compare):
     length, weight, limit, dt = 10.0, 98100.0, 1e-3, 2e-5
     nodes = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,{-length},0,{weight / G},{-weight}\n"
     text = (
-        CABLE
+        BARE
         + f"fracture_strain = {limit}\n[dynamics]\nduration = 0.3\ntime_step = {dt}\n[output]\nframes = 30\n"
     )
     f = both_ways.solve(text, nodes, "start,end\n1,2\n")
@@ -116,7 +115,7 @@ def test_step_load_breaks_the_weak_element_behind_the_reflection(both_ways, comp
     strain = load / EA
     dt = length / C * WHOLE
     nodes, elements = chain(n, length, {0}, load, weak)
-    text = CABLE + f"[group.weak]\nfracture_strain = {1.5 * strain!r}\n"
+    text = BARE + f"[group.weak]\nfracture_strain = {1.5 * strain!r}\n"
     text += f"[dynamics]\nduration = {(n + weak + 4) * dt!r}\ntime_step = {dt!r}\n"
     f = both_ways.solve(text, nodes, elements)
     case = f"step load on a chain of {n}, weak element {weak}: "
@@ -180,7 +179,7 @@ def test_dead_load_falls_with_its_node(both_ways, compare):
     # a slack thread below the weight: an end with a single element would not break off from it
     elements = f"start,end,group,area,unstressed_length\n1,2,upper,{A},{length}\n2,3,lower,{A},{length}\n"
     elements += f"3,4,thread,1e-12,{thread}\n"
-    text = CABLE + f"[group.lower]\nfracture_strain = {limit}\n"
+    text = BARE + f"[group.lower]\nfracture_strain = {limit}\n"
     text += f"[load]\nself_weight = true\ndead = {dead}\n[dynamics]\nduration = 0.25\ntime_step = 1e-3\n"
     text += "[output]\nframes = 250\nhistory_interval = 0.001\n"
     f = both_ways.solve(text, nodes, elements)
@@ -228,7 +227,7 @@ def test_equal_forces_break_both_ends(both_ways, compare):
     """A symmetric chain pulled at both ends: its weak middle breaks at both and moves at c eps."""
     limit, load, dt = 1e-3, 1e5, 1e-6
     nodes = f"id,x,y,z,mass,load_z\n1,0,0,0,500,{-load}\n2,0,0,1,100,0\n3,0,0,2,100,0\n4,0,0,3,500,{load}\n"
-    text = CABLE + f"fracture_strain = {limit}\n[dynamics]\nduration = 0.012\ntime_step = {dt}\n"
+    text = BARE + f"fracture_strain = {limit}\n[dynamics]\nduration = 0.012\ntime_step = {dt}\n"
     f = both_ways.solve(text, nodes, "start,end,area\n1,2,1e-3\n2,3,4e-4\n3,4,1e-3\n")
     # the half from the middle outwards; half of an element is twice as stiff
     k = E * np.array([1e-3, 2 * 4e-4])
