@@ -3,6 +3,7 @@
 import contextlib
 import gc
 import os
+import re
 import subprocess
 import sys
 import time
@@ -238,6 +239,13 @@ class Workshop:
             self.run_here(job, output, stop=stop)
         (checkpoint,) = self.folder.glob(f"{output.partition('.')[0]}.checkpoint*")
         return checkpoint, str(raised.value)
+
+    def assert_pause_changes_no_bit(self, job: Path, stop, words: str, whole=None) -> None:
+        """Compare a run with one that pauses and resumes on two ranks. words : pattern of the message"""
+        whole = whole or self.run(job, output="whole.vtkhdf")
+        checkpoint, message = self.pause(job, stop)
+        assert re.search(words, message), message
+        assert_same_results(whole, self.run(job, "--restart", checkpoint, ranks=2))
 
     def printed(self, job: Path, *arguments, output="result.vtkhdf", **how) -> str:
         """Run a job and return its output."""

@@ -5,7 +5,7 @@ import re
 import h5py
 import numpy as np
 import pytest
-from conftest import STEEL, assert_same_results
+from conftest import STEEL
 from nets import LOW_SADDLE
 
 from netfall.core.errors import InputError
@@ -380,11 +380,7 @@ NEIGHBOURS += "".join(
 @pytest.mark.parametrize("looks", [20, 26, 32])
 def test_a_pause_among_combinations_changes_no_bit(workshop, looks):
     """The run stops at a correction and resumes on two ranks with the factors of the permanent state."""
-    job = workshop.job(NEIGHBOURS)
-    whole = workshop.run(job, output="whole.vtkhdf")
-    checkpoint, message = workshop.pause(job, looks)
-    assert re.search(r"in statics, (case|combination) ", message)
-    assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))
+    workshop.assert_pause_changes_no_bit(workshop.job(NEIGHBOURS), looks, "in statics, (case|combination) ")
 
 
 def test_a_case_that_is_relaxed_does_not_depend_on_the_other_cases(workshop, monkeypatch):

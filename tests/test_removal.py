@@ -208,10 +208,7 @@ def test_a_pause_in_the_search_for_the_damaged_equilibrium_changes_no_bit(worksh
     whole = workshop.run(job, output="whole.vtkhdf")
     assert np.isfinite(whole["removal/tension_after"][:]).all()
     monkeypatch.setattr("netfall.driver.removal.equilibria.solve_equilibrium", pausing)
-    checkpoint, message = workshop.pause(job, stop)
-    assert "in statics, the net without element 3" in message
-    with workshop.run(job, "--restart", checkpoint) as again:
-        assert_same_results(whole, again)
+    workshop.assert_pause_changes_no_bit(job, stop, "in statics, the net without element 3", whole)
 
 
 def test_repeatedly_interrupted_damaged_equilibria_end(workshop, torn):

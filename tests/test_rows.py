@@ -50,9 +50,7 @@ def test_a_stop_between_two_rows_of_a_table_changes_no_bit(workshop, monkeypatch
     monkeypatch.setattr(rows, "MOST_ROWS", 32)
     monkeypatch.setattr(dynamics, "CHECK_STEPS", 233)
     monkeypatch.setattr(dynamics.Simulation, "report", ask)
-    checkpoint, message = workshop.pause(job, stop)
-    assert "(step 2097)" in message
-    assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))
+    workshop.assert_pause_changes_no_bit(job, stop, r"\(step 2097\)", whole)
 
 
 PERIOD = 2 * math.pi / math.sqrt(1e6 / 1000.0)  # s, of 1000 kg on 1e6 N/m
