@@ -77,7 +77,7 @@ for one in compiled:
 """
 
 
-def test_kernels_that_are_kept_have_one_signature(compiled, tmp_path):
+def test_cached_kernels_have_one_signature(compiled, tmp_path):
     """numba numbers two versions alike if two processes compile them at once; this includes callees."""
     folder, _ = compiled
     assert run_process(sys.executable, "-c", IN_ONE_PROCESS, cwd=tmp_path).stdout == ""

@@ -116,7 +116,7 @@ def test_pressures_end_and_drag_needs_a_speed(workshop, speed):
     assert gust == speed if speed else np.isnan(gust)
 
 
-def test_a_part_that_keeps_its_pressure_is_warned_of(workshop):
+def test_a_part_that_keeps_its_pressure_is_a_warning(workshop):
     """With "none" v = F t / M passes the wind of 5 m/s, as `info` and `run` say; not with "detached"."""
     wind = "speed = 5.0\nturbulence_intensity = 0.0\npressure_coefficient = -64.0\n"  # 1000 N/m2
     lift = 64.0 * 0.5 * RHO * 25.0 * AREA / MASS  # m/s2
@@ -130,7 +130,7 @@ def test_a_part_that_keeps_its_pressure_is_warned_of(workshop):
     assert "faster than" not in workshop.info("other.vtkhdf")
 
 
-def test_the_energy_of_what_is_attached_leaves_out_what_flies(workshop):
+def test_the_energy_of_attached_parts_excludes_detached_ones(workshop):
     """N^2 L0 / 2 EA of a taut cable near the plates stays; the balance error is the largest so far."""
     nodes = plates() + "7,0,9,0,1,0,0,0,0,1\n8,4,9,0,0,1,0,0,0,1\n9,8,9,0,1,0,0,0,0,1\n"
     cables = CABLES + "3,7,8,3.99\n4,8,9,3.99\n"
@@ -145,7 +145,7 @@ def test_the_energy_of_what_is_attached_leaves_out_what_flies(workshop):
 
 
 @pytest.mark.parametrize("took_part, attached", [(2e-3, 1e-4), (1e-4, 2e-3)])
-def test_either_share_of_the_balance_error_is_warned_of(took_part, attached):
+def test_either_share_of_the_balance_error_is_a_warning(took_part, attached):
     """Above the promise of 1e-3, by the larger one; below it nothing is said."""
     history = {"time": np.arange(3.0), "work_identity_error": np.full(3, 1e-12)}
     off = {

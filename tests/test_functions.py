@@ -73,7 +73,7 @@ def test_sines_of_many_turns_are_right_to_sixteen_digits_after_the_point():
         assert max(off) <= ROUNDING
 
 
-def test_powers_lose_no_more_than_the_logarithm_makes_of_it():
+def test_powers_are_as_exact_as_their_logarithm():
     """Compare heights above ground over 10 m, with the exponents of the profile."""
     x = numbers(-1.0, 3.0, logarithmic=True)
     for exponent in (0.12, 0.16, 0.4):
@@ -207,7 +207,7 @@ def test_a_pivot_of_zero_is_no_singular_matrix():
     assert np.abs(whole @ solve_sparse(ends, q, diagonal, b) - b).max() < 1e-14
 
 
-def test_sets_of_whole_numbers_are_numpys():
+def test_sets_of_integers_equal_those_of_numpy():
     """Results are ascending and unique for any shape; membership also holds for numbers beyond the set."""
     rng = np.random.default_rng(1)
     for size, most in ((0, 5), (1, 1), (1000, 50), (1000, 10**11)):

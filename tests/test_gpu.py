@@ -155,7 +155,7 @@ def test_the_computing_times_of_nets_that_advance_together_add_up():
         ("", 2, "more than one rank"),
     ],
 )
-def test_what_a_gpu_does_not_step_is_refused_or_runs_on_the_cpu(tmp_path, more, ranks, feature):
+def test_unsupported_features_are_refused_or_run_on_the_cpu(tmp_path, more, ranks, feature):
     """`--device gpu` names it in an error, `--device auto` in a note."""
     (tmp_path / "job.toml").write_text(JOB + more)
     refused = run_netfall("run", "job.toml", "--device", "gpu", ranks=ranks, cwd=tmp_path, code=2)

@@ -269,7 +269,7 @@ def test_fast_gusts_average_over_long_elements(workshop, direction):
     assert ours == pytest.approx(expected, rel=0.05)
 
 
-def test_roof_areas_beside_their_nodes_have_no_negative_variance():
+def test_roof_areas_next_to_their_nodes_have_no_negative_variance():
     """Level areas of nodes without slender elements, whose centres are above the nodes."""
     x = np.random.default_rng(1).uniform(-1.0, 1.0, (1000, 3))
     ends, axis = np.array([[0, 1]]), np.array([[0.0, 0.0, 1.0]])

@@ -213,7 +213,7 @@ def test_a_pulse_travels_along_a_string_and_a_wave_over_its_supports(workshop):
 
 
 @pytest.mark.parametrize("nodes, warned", [("nodes = [2]\n", True), ("", False)])
-def test_a_motion_along_an_axis_that_is_free_is_warned_of(workshop, nodes, warned):
+def test_a_motion_along_a_free_axis_is_a_warning(workshop, nodes, warned):
     """Node 2 can slide along x, so the x of its table moves nothing; node 1 is held along all axes."""
     text = f'{BAR}[[motion]]\n{nodes}displacement = "move.csv"\n[dynamics]\nduration = 0.01\n'
     guided = "id,x,y,z,fixed_x,fixed_y,fixed_z\n1,0,0,0,1,1,1\n2,5,0,0,0,1,1\n"
@@ -333,7 +333,7 @@ displacement = "course.csv"
 
 
 @pytest.mark.parametrize("parts", [1, 3])
-def test_a_rim_goes_with_its_supports_in_any_number_of_parts(workshop, parts):
+def test_a_rim_moves_with_its_supports_in_any_number_of_parts(workshop, parts):
     """10 m x 10 m around a tent of 2 m: a rim whose ends move alike keeps its 10 kN, one of which one moves
     by 50 mm has EA (sqrt(100.0025) / L0 - 1) in all its parts, and one of which one end is let go is slack.
     """

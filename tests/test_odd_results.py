@@ -137,7 +137,7 @@ def test_every_shipped_job_is_answered(path, tmp_path, request):
         assert "result_collapse.gif" in animated
 
 
-def test_what_is_no_result_is_refused_by_all(workshop):
+def test_other_files_are_refused_as_results(workshop):
     """A partial file, a truncated file, a text, other HDF5 and nothing give one line each, code 2."""
     job = workshop.job(SADDLE + FOUND + WIND + SHORT + "[output]\ncheckpoint_interval = 0.01\nframes = 4\n")
     workshop.run(job, "--walltime", "00:00:00", code=4)

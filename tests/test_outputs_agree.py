@@ -40,7 +40,7 @@ def test_the_largest_tension_of_a_cable_is_that_of_its_elements(workshop):
     assert cable["breaking_load"] == "800000"
 
 
-def test_maps_of_losses_show_what_leaves_no_equilibrium(tmp_path):
+def test_maps_of_removals_show_those_without_equilibrium(tmp_path):
     """Such a removal has no factor and may detach nothing: it is red on maps, and a choice of the page."""
     roof = net()
     removed = roof["element_id"][:3].astype(str).astype(object)
@@ -64,7 +64,7 @@ def test_maps_of_losses_show_what_leaves_no_equilibrium(tmp_path):
     assert choice["tension"] == (0.0, 1.0)
 
 
-def test_elements_that_erection_takes_out_have_no_force_in_cases(workshop):
+def test_elements_that_erection_removes_have_no_force_in_cases(workshop):
     """The smallest force of a case is that of the elements which are there, as `netfall info` prints it."""
     nodes = NODES + "60,5,0,-6,1,0\n"
     elements = WEAK.replace("id,start,end", "id,start,end,group").replace(",M", ",main,M")
@@ -126,7 +126,7 @@ def test_the_picture_of_the_motion_counts_slack_elements_as_the_report(workshop)
         assert all(": 0 broken or removed, 1 slack" in axes.get_title() for axes in collapse(f).axes)
 
 
-def test_the_picture_of_energies_has_no_panel_or_curve_of_what_is_not_known(workshop):
+def test_the_picture_of_energies_omits_unknown_ones(workshop):
     """With energy = false works and errors are nan; the kinetic and the strain energy are known."""
     text = CABLE + "[load]\nself_weight = false\n[dynamics]\nduration = 0.1\n[output]\nenergy = false\n"
     with workshop.solve(text, NODES, WEAK) as f:

@@ -17,7 +17,7 @@ from netfall.parallel.sums import ALL, LIMBS, SUM_BLOCK, add_exactly, round_limb
 
 
 @pytest.mark.parametrize("lowest", [-155, -156, -157, -400])
-def test_sums_in_blocks_are_exact_beyond_what_three_pieces_hold(lowest):
+def test_sums_in_blocks_are_exact_beyond_three_pieces(lowest):
     """Bits down to 2^-155 of the largest are cut in three pieces, those below are added one by one."""
     rng = np.random.default_rng(3)
     values = rng.standard_normal(2 * SUM_BLOCK + 7) * 2.0 ** rng.integers(lowest + 60, 0, 2 * SUM_BLOCK + 7)
@@ -66,7 +66,7 @@ def let_go(workshop, **output) -> Path:
     return workshop.job(text, nodes, "start,end,unstressed_length\n1,2,10\n")
 
 
-def test_the_envelope_sees_what_moves_between_two_rows(workshop):
+def test_the_envelope_includes_motion_between_two_rows(workshop):
     """It comes down 2 mm, and 1 mm of stretch more than at rest, half a period after the start."""
     f = workshop.run(let_go(workshop))
     assert len(f["history/time"]) == 2

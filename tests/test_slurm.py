@@ -130,7 +130,7 @@ def test_slurm_sends_the_signal_before_the_time_is_up(slurm, site):
 # --- studies
 
 
-def test_a_study_that_is_stopped_and_killed_goes_on_to_the_same_bits(slurm, site, whole):
+def test_a_stopped_and_killed_study_resumes_with_the_same_bits(slurm, site, whole):
     """A signal requeues jobs/studies/stadium.slurm, scancel ends it, sbatch resumes it."""
     words = ["--cpus-per-task=1", "--export=ALL,STUDY=storm.toml", "jobs/studies/stadium.slurm"]
     journal = site / "storm.study.journal"

@@ -5,7 +5,7 @@ from test_parallel import SMALL
 from test_study import JOB
 
 
-def test_a_job_after_others_gives_the_bits_of_processes_of_its_own(tmp_path, ranks=2):
+def test_a_job_after_others_has_the_bits_of_a_new_process(tmp_path, ranks=2):
     persistent, own = Workshop(tmp_path, standing=True), Workshop(tmp_path)
     small, collapse = persistent.job(SMALL, name="small"), persistent.job(JOB, name="collapse")
     assert len(persistent.run(collapse, ranks=ranks, output="collapse.vtkhdf")["events/step"]) > 3

@@ -166,7 +166,7 @@ def test_the_drift_is_carried_to_the_supports(shipped):
     assert more == pytest.approx(750.0 * area, abs=2 * 432 * 12.0)  # residuals of 12 N at most at each node
 
 
-def test_snow_and_drift_and_the_rest_are_stable_with_all_cables_taut(shipped):
+def test_all_equilibria_are_stable_with_taut_cables(shipped):
     """Each is reported as stable; an independent eigenvalue shows that the tangent is positive definite."""
     f = shipped
     for name in ("cases/snow", "cases/drift", "initial_state"):

@@ -253,7 +253,7 @@ def test_a_facade_from_tables_has_gusts_over_its_height(workshop, gusts):
     assert [f"{error:.2g}" for error in computed] == [match[1], match[2]] and (computed < 0.3).all()
 
 
-def test_result_keeps_what_is_known_of_the_gusts(workshop):
+def test_a_result_describes_its_gusts(workshop):
     text = FLAT + BLOW.replace(
         "surface_drag = {k}", "turbulence_intensity = 0.6\ngust_field = 'point'"
     ).format(u=-1.0)
