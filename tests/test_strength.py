@@ -140,7 +140,7 @@ def test_an_area_of_a_group_that_changes_no_stiffness_is_named(workshop, own, ke
 
 
 @pytest.mark.parametrize(
-    ("column", "form", "noted"),
+    ("column", "form", "is_noted"),
     [
         ("unstressed_length", "", True),
         ("force_density", '[form_finding]\nmethod = "force_density"\n', True),
