@@ -190,15 +190,12 @@ def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> TributaryAreas:
     surface, plan, vector = (shares.at_nodes(area, net.n) for area in areas)
     area = np.where(has_half_area(net), 0.5 * surface, net.area)
     of_area, of_normal = np.isfinite(area), np.isfinite(net.normal[:, 0])
-    given = of_area | of_normal
-    if not given.any():
-        return TributaryAreas(surface, plan, vector, centre, shares)
     # if slopes of faces differ, plan and vector are less than the surface along the mean normal
     of_faces = np.where(surface > 0.0, surface, 1.0)
     plan_share = np.where(of_normal, np.abs(net.normal[:, 2]), np.where(surface > 0.0, plan / of_faces, 1.0))
     vector_share = np.where(of_normal[:, None], net.normal, vector / of_faces[:, None])
     surface, plan = np.where(of_area, area, surface), np.where(of_area, area * plan_share, plan)
-    vector = np.where(given[:, None], surface[:, None] * vector_share, vector)
+    vector = np.where((of_area | of_normal)[:, None], surface[:, None] * vector_share, vector)
     return TributaryAreas(surface, plan, vector, centre, shares)
 
 

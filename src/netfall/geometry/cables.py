@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.core.functions import lengths
 from netfall.geometry.net import Net, connected_parts, elements_of_group
 from netfall.job.keys.entries import Slide
 
@@ -90,7 +91,7 @@ def _continuing_ends(net: Net, axes: np.ndarray, named: np.ndarray) -> np.ndarra
     """
     ends = net.undivided()
     along = axes * (net.x[ends[:, 1]] - net.x[ends[:, 0]])
-    length = np.sqrt(along[:, 0] ** 2 + along[:, 1] ** 2 + along[:, 2] ** 2)
+    length = lengths(along)
     unit = along / np.where(length > 0, length, 1.0)[:, None]
     direction = np.stack([unit, -unit], axis=1).reshape(-1, 3)  # from the node of each end into its element
     node, group = ends.ravel(), np.repeat(net.group[:: net.parts], 2)

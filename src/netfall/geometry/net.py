@@ -301,8 +301,6 @@ def subdivide(net: Net, parts: int) -> Net:
 
 def undo_subdivision(net: Net) -> Net:
     """Undo `subdivide`; the positions of inner particles are lost."""
-    if net.parts == 1:
-        return net
     n = net.given
     columns: dict[str, Any] = {name: getattr(net, name)[:n] for name in ("x", "fixed", "node_id")}
     columns["outline"] = np.where(net.outline >= net.n, net.outline - (net.n - n), net.outline)
@@ -355,8 +353,7 @@ def _evenly_spaced(ends: np.ndarray, parts: int) -> np.ndarray:
 def parent_ends(net: Net) -> np.ndarray:
     """Return the two end nodes (n, 2) of the given element around each particle; a given node twice."""
     ends = np.column_stack([np.arange(net.n)] * 2)
-    if net.parts > 1:
-        ends[net.inner_particles()] = net.undivided()[:, None]
+    ends[net.inner_particles()] = net.undivided()[:, None]
     return ends
 
 
@@ -365,8 +362,6 @@ def extend_to_inner_particles(net: Net, moved: np.ndarray, fixed: np.ndarray) ->
 
     These particles remain evenly spaced between their ends. fixed : (n, 3) bool
     """
-    if net.parts == 1:
-        return moved
     spaced_evenly = space_inner_particles(net, moved[: net.given])
     inner = (parent_ends(net)[:, 0] != np.arange(net.n)) & fixed.all(1)
     return np.where((inner & ~moved.any(1))[:, None], spaced_evenly, moved)

@@ -269,8 +269,6 @@ def keep_cables_on_one_rank(part: np.ndarray, slides: SlidingCables | None, net:
     cable = connected_parts(adjacent, len(count))
     tied = np.isin(cable, cable[count > 1])
     rows = net.elements[inside & tied[slides.segment]]
-    if not len(rows):
-        return part
     label, nodes = connected_parts(rows, net.n), np.unique(rows)
     result = part.copy()
     result[nodes] = part[label[nodes]]

@@ -90,11 +90,7 @@ ACTIVE_KEYS: dict[str, dict[str, object]] = {
     "form_finding": {},
     "load": {"self_weight": True, "dead": 300.0, "snow": 500.0, "steps": 5},
 }
-EXAMPLE_VALUES = {
-    "name": "edge",
-    "duration": 6.0,
-    "set": {"load.snow": 750.0},
-}  # for keys without a default
+EXAMPLE_VALUES: dict[str, object] = {"name": "edge", "duration": 6.0}  # for keys without a default
 HEAD = """\
 # A new job: a generated net, its form, and a static load. SI units.
 #

@@ -294,8 +294,6 @@ def _supports(reading: NetImport) -> np.ndarray:
 
 def _mark_supports(reading: NetImport, marks: np.ndarray, held: np.ndarray) -> None:
     """Set held (n,) bool at nodes with marks (k, 3) [m] of supports; report the other marks."""
-    if not len(marks):
-        return
     from scipy.spatial import cKDTree
 
     distance, node = cKDTree(reading.net.x).query(marks)
