@@ -74,11 +74,10 @@ def _zone_value_notes(job: Job) -> Iterator[str]:
             section, zone, key = split(name)
             base = getattr(job, section)
             own = base.zone_values(key) if base and not zone else {}
-            unchanged = {
-                f"{section}.zone.{other}.{key}": number for other, number in own.items() if np.any(number)
-            }
             listed = [
-                f"{each} = {_format_load(unchanged[each])}" for each in unchanged.keys() - case.set.keys()
+                f"{section}.zone.{other}.{key} = {_format_load(number)}"
+                for other, number in own.items()
+                if np.any(number) and f"{section}.zone.{other}.{key}" not in case.set
             ]
             if listed:
                 shown, zones = format_value(value), format_list(sorted(listed))
@@ -125,28 +124,25 @@ def _format_load(value: Any) -> str:
     return "[" + ", ".join(f"{component:g}" for component in value) + "]" if np.ndim(value) else f"{value:g}"
 
 
-def _omitted_action_notes(job: Job, loaded: bool) -> list[str]:
-    """Return a warning for each action of [load] that some combinations omit, and each case that all omit.
+def _omitted_action_notes(job: Job, loaded: bool) -> Iterator[str]:
+    """Yield a warning for each action of [load] that some combinations omit, and each case that all omit.
 
     loaded : whether nodes or elements have loads of their own
     """
-    load, named = job.load, {name for one in job.combinations for name in one.factors}
-    unnamed = [case.name for case in job.cases if named and case.name not in named]
-    of_cases = [messages.OMITTED_CASES(cases=format_list(unnamed))] if unnamed else []
-    if load is None:
-        return of_cases
-    on_roof = [value for key in LIVE_LOAD_KEYS for value in load.all_values(key)]
-    live = any(value is not None and np.any(value) for value in on_roof) or loaded
-    return [
-        messages.OMITTED_ACTION(
-            combinations=format_list([format_value(one) for one in silent]), action=name, loads=loads
-        )
+    if job.load is not None:
+        on_roof = [value for key in LIVE_LOAD_KEYS for value in job.load.all_values(key)]
+        live = any(value is not None and np.any(value) for value in on_roof) or loaded
         for name, acts, loads in (
             ("load", live, "snow, ice and pressure of [load], and loads of nodes and elements,"),
-            ("temperature", load.temperature != 0.0, "changes of temperature of [load]"),
-        )
-        if acts and (silent := [one.name for one in job.combinations if name not in one.factors])
-    ] + of_cases
+            ("temperature", job.load.temperature != 0.0, "changes of temperature of [load]"),
+        ):
+            silent = [format_value(one.name) for one in job.combinations if name not in one.factors]
+            if acts and silent:
+                yield messages.OMITTED_ACTION(combinations=format_list(silent), action=name, loads=loads)
+    named = {name for one in job.combinations for name in one.factors}
+    unnamed = [case.name for case in job.cases if named and case.name not in named]
+    if unnamed:
+        yield messages.OMITTED_CASES(cases=format_list(unnamed))
 
 
 def _wind_without_gusts_notes(job: Job) -> list[str]:

@@ -249,13 +249,11 @@ class GrowingGusts:
         """Return the next sample, time [s] and gusts (c,) [m/s], after the samples inserted before it."""
         (start, first), sample = self.last, self.history.sample(self.count)
         time, gust = sample
-        parts = 1
+        end, parts = min(time, self.ramp), 1
         if self.count and start < self.ramp:
-            parts = max(1, math.ceil((min(time, self.ramp) - start) * MIN_RAMP_SAMPLES / self.ramp))
-        shares = [k / parts for k in range(1, parts)] if time > start else []
-        end = min(time, self.ramp)
-        times = [start + share * (end - start) for share in shares]
-        if shares and time > self.ramp:
+            parts = math.ceil((end - start) * MIN_RAMP_SAMPLES / self.ramp)
+        times = [start + k / parts * (end - start) for k in range(1, parts)]
+        if times and time > self.ramp:
             times.append(self.ramp)
         samples = [(t, first + (t - start) / (time - start) * (gust - first)) for t in times] + [sample]
         self.count, self.last = self.count + 1, sample
