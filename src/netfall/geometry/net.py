@@ -300,7 +300,9 @@ def subdivide(net: Net, parts: int) -> Net:
 
 
 def undo_subdivision(net: Net) -> Net:
-    """Undo `subdivide`; the positions of inner particles are lost."""
+    """Undo `subdivide`; the positions of inner particles are lost. A net without parts is returned itself."""
+    if net.parts == 1:
+        return net
     n = net.given
     columns: dict[str, Any] = {name: getattr(net, name)[:n] for name in ("x", "fixed", "node_id")}
     columns["outline"] = np.where(net.outline >= net.n, net.outline - (net.n - n), net.outline)
