@@ -649,7 +649,7 @@ def test_compas_files_of_both_versions_are_imported(tmp_path):
     (tmp_path / "mesh.json").write_text(json.dumps({"dtype": "compas.datastructures/Mesh", "value": mesh}))
     reading = read_net(tmp_path / "mesh.json", ImportOptions(unit="mm"))
     assert len(reading.net.ends) == 4 and reading.drawing.layers == ["cables", "edge"]
-    assert np.nansum(reading.drawing.columns["force_density"]) == 5e3  # N/mm
+    assert np.nansum(reading.drawing.force_density) == 5e3  # N/mm
     assert "force densities in N/mm, written in N/m" in reading.lines[0]
 
 
@@ -957,7 +957,7 @@ def test_invisible_lines_are_omitted_and_counted(tmp_path):
     reading = read_net(tmp_path / "g.json", ImportOptions(supports="outline"))
     assert "left out: 2 edges, which are hidden" in reading.lines
     assert [reading.drawing.layers[k] for k in reading.drawing.layer] == ["rope", "rope", "mast"]
-    assert reading.drawing.columns["force_density"].tolist() == [7.0, 7.0, -1.0]
+    assert reading.drawing.force_density.tolist() == [7.0, 7.0, -1.0]
 
 
 def test_sides_of_faces_have_the_group_of_their_face_and_ghosts_none(tmp_path):

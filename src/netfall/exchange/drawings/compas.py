@@ -51,7 +51,7 @@ def read_compas(path: Path, supports: list[str]) -> Drawing:
         held=np.array(held, float).reshape(-1, 3),
         in_part=np.array(in_part, float).reshape(-1, 3),
         keys=np.array(keys, np.int64) if has_ids else None,
-        columns={"force_density": q} if any(edge["q"] is not None for edge in edges) else {},
+        force_density=q if any(edge["q"] is not None for edge in edges) else None,
         unit=unit if unit in METRES else None,
         unit_from="its attributes" if unit in METRES else f'"{unit}" in its attributes' if unit else "",
         read=[f"{len(edges)} edges", *(f"groups {line}" for line in alike(names))],

@@ -35,7 +35,7 @@ class Drawing:
     points : (p, 3) that may mark supports; point_layer : (p,) rows of `layers`
     held : (q, 3) supports named in the file; in_part : (r, 3) supports along only some axes
     keys : (k, 2) ids of nodes at the ends, None without ids in the file
-    columns : force densities (k,) [N / unit] of the elements by the name of their column
+    force_density : (k,) [N / unit] of the lines, nan: none; None: the file has none
     unit : unit of the coordinates; file_unit : unit named in the file, or None
     unit_from : place of this unit in the file
     read, left_out : texts on the counts of read and omitted objects
@@ -50,7 +50,7 @@ class Drawing:
     held: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     in_part: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     keys: np.ndarray | None = None
-    columns: dict[str, np.ndarray] = field(default_factory=dict)
+    force_density: np.ndarray | None = None
     unit: str | None = None
     file_unit: str | None = None
     unit_from: str = ""
@@ -72,7 +72,7 @@ class Drawing:
         self.lines, self.layer = self.lines[lines], np.searchsorted(rows, self.layer[lines])
         self.points, self.point_layer = self.points[points], np.searchsorted(rows, self.point_layer[points])
         self.keys = None if self.keys is None else self.keys[lines]
-        self.columns = {name: values[lines] for name, values in self.columns.items()}
+        self.force_density = None if self.force_density is None else self.force_density[lines]
         self.layers = [self.layers[k] for k in rows]
 
     def scaled(self, unit: str) -> None:
@@ -81,9 +81,9 @@ class Drawing:
         multiplier, divisor = (1.0, round(1.0 / factor)) if factor in (0.1, 0.01, 0.001) else (factor, 1.0)
         for name in ("lines", "points", "held", "in_part"):  # division makes 2200 mm exactly 2.2 m
             setattr(self, name, getattr(self, name) * multiplier / divisor)
-        self.columns = {name: q * divisor / multiplier for name, q in self.columns.items()}
-        if self.columns and unit != "m":
-            self.read.append(f"force densities in N/{unit}, written in N/m")
+        if self.force_density is not None:
+            self.force_density = self.force_density * divisor / multiplier
+            self.read += [f"force densities in N/{unit}, written in N/m"] * (unit != "m")
 
 
 def counted(counts: dict[str, int]) -> str:

@@ -112,15 +112,15 @@ def _write(reading: NetImport, folder: Path, target: Path) -> list[str]:
     direction = x[net.ends[:, 1]] - x[net.ends[:, 0]]
     length, drawn = (np.linalg.norm(d, axis=1) for d in (direction, np.diff(drawing.lines, axis=1)[:, 0]))
     is_part = (np.bincount(net.line)[net.line] > 1) | np.isin(net.line, net.parts[:, 0])
-    for name, values in drawing.columns.items():  # force densities; parts have the force of their line
-        elements[name] = values[net.line] * np.where(is_part, drawn[net.line] / length, 1.0)
-    q = elements.get("force_density", np.zeros(0))
+    q = np.zeros(0)
+    if drawing.force_density is not None:  # parts have the force of their line
+        q = drawing.force_density[net.line] * np.where(is_part, drawn[net.line] / length, 1.0)
     taut = {group[e] for e in np.flatnonzero(q > 0.0).tolist()}
     for e in np.flatnonzero(q < 0.0).tolist():  # no cable of the group becomes a bar with them
         group[e] += "_struts" if group[e] in taut else ""
-    balanced = drawing.columns and is_balanced(x, net.ends, elements["force_density"], reading.held)
-    if balanced:
-        elements["prestress"] = elements.pop("force_density") * length
+    balanced = len(q) > 0 and is_balanced(x, net.ends, q, reading.held)
+    if len(q):
+        elements |= {"prestress": q * length} if balanced else {"force_density": q}
     if reading.spring is not None:
         nodes |= {f"spring_{axis}": reading.spring[:, k] for k, axis in enumerate("xyz")}
     write_table(target / "nodes.csv", nodes)
@@ -134,7 +134,7 @@ def _write(reading: NetImport, folder: Path, target: Path) -> list[str]:
         posts = dict.fromkeys((name for name in upright if name in props), UPRIGHT)
         posts |= {group[e]: PUSHED for e in np.flatnonzero(q < 0.0).tolist() if group[e] not in posts}
         names = sorted(set(group))
-        text = first_job(reading.path.stem, names, posts, elements.get("force_density"), bool(balanced))
+        text = first_job(reading.path.stem, names, posts, elements.get("force_density"), balanced)
         lines += [
             f'    group "{name}": {reason.split(",")[0]}, imported as kind = "bar" in {job.name}'
             for name, reason in posts.items()
