@@ -668,6 +668,11 @@ def test_each_state_has_its_own_page(storm, tmp_path):
     assert scales == [50, 0.5, 1]
 
 
+def test_the_error_of_an_equilibrium_is_not_drawn_as_a_deflection():
+    """A deflection of 6e-9 m of a roof of 60 m is such an error; one of 0.1 mm is not."""
+    assert [deflection_scale(size, 60.0) for size in (6e-9, 1e-4)] == [1, 20_000]
+
+
 def test_labels_do_not_overlap_and_stay_within_the_picture():
     """Twelve around one position, and one that fits neither left nor right."""
     figure, ((axes,),) = open_charts(1, 1, 6, 5)

@@ -22,6 +22,7 @@ from netfall.results.states import StateView, absent
 
 MOST_PANELS = 24  # panels of states, those of `_governing`; of more stages, every k-th and the last are drawn
 DRAWN_DEFLECTION = 0.06  # largest deflection drawn / largest extent of the net
+MIN_DEFLECTION = 1e-6  # largest deflection / largest extent; smaller ones, errors of equilibria, stay as they are
 MAX_LABELLED_GROUPS = 16  # groups with labels
 
 
@@ -154,7 +155,7 @@ def deflection_scale(largest: float, extent: float) -> float:
 
     largest : largest deflection [m]; extent : of the net [m]
     """
-    fitting = DRAWN_DEFLECTION * extent / largest if largest > 0.0 else 1.0
+    fitting = DRAWN_DEFLECTION * extent / largest if largest > MIN_DEFLECTION * extent else 1.0
     scales = canvas.ROUND_NUMBERS
     return float(scales[max(int(np.searchsorted(scales, fitting, side="right")) - 1, 0)])
 
