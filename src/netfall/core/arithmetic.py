@@ -67,6 +67,14 @@ def exponential_minus_one(a: float) -> float:
 
 
 @part_of_kernel
+def exponential_minus_linear(a: float) -> float:
+    """Compute e^a - 1 - a, |a| < 700, with full relative accuracy for small a."""
+    if abs(a) < 0.35:
+        return a * a * _series(a)
+    return exponential(a) - 1.0 - a
+
+
+@part_of_kernel
 def angle_per_sine(S: float, C: float) -> float:
     """Compute psi / S for the angle psi from 0 to pi with tan psi = S / C, S >= 0; 1 / C at S = 0 < C.
 

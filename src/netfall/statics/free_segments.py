@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.arithmetic import exponential, logarithm
+from netfall.core.arithmetic import exponential, exponential_minus_linear, logarithm
 from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
 from netfall.core.records import Record, f8, f8_2, i8
 from netfall.physics.slip.law import angle_between, slip_force, slip_limit
@@ -165,7 +165,7 @@ def compute_slip_forces(
         elif EA > 0.0:
             W += weights * chains.weight[e] * strands.height[e] * (L0[e] - strands.strand[e])
             if L > L0[e] and law.logarithmic:
-                W += EA * (L * logarithm(L / L0[e]) - L + L0[e])
+                W += EA * L * exponential_minus_linear(-T[e] / EA)  # no difference of large terms
             elif L > L0[e]:
                 W += 0.5 * EA * (L - L0[e]) * ((L - L0[e]) / L0[e])
     for i in range(s.shape[0]):
