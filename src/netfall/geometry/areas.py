@@ -63,7 +63,7 @@ def find_roof(job: Job, net: Net) -> RoofFaces:
     plan = draw_plan(net, carries, checked=lines or not planar)
     if plan.error and _needs_faces(job, net):
         reason = _with_upright_plane(net, plan.error)
-        raise InputError(f"{job.path}: {messages.UNCLEAR_FACES(reason=reason)}")
+        raise InputError([f"{job.path}: {messages.UNCLEAR_FACES(reason=reason)}"])
     if plan.error:
         notes = [messages.NO_FACES(reason=plan.error)]
         if areas_are_given(net):

@@ -37,8 +37,9 @@ def collapse(f: h5py.File) -> Figure:
     trace = NEGLIGIBLE_COMPRESSION * float(np.abs(f["envelope/tension_max"][:]).max())
     for axes, step in zip(panels, steps):
         _draw_stage(f, axes, frames, step, window, trace)
-        gone = frames.broken(step) & (np.diff(frames.ends(step))[:, 0] == 0)
-        canvas.add_lines(axes, start[elements[gone]], colors=canvas.BROKEN, linewidths=1.1, linestyles="--")
+        removed = frames.broken(step) & (np.diff(frames.ends(step))[:, 0] == 0)
+        removed_lines = start[elements[removed]]
+        canvas.add_lines(axes, removed_lines, colors=canvas.BROKEN, linewidths=1.1, linestyles="--")
         add_supports(f, axes, frames.positions(step)[: len(start)])
     handles = [Line2D([], [], color=colour, lw=2, label=name) for name, colour, _ in STYLES]
     handles += axes.get_legend_handles_labels()[0]
@@ -71,14 +72,14 @@ def _draw_stage(
 ) -> None:
     """Draw the elements at a step in the window (2, 3); smaller compressions than `trace` [N] are ignored."""
     stride = max(1, frames.cells // canvas.MAX_DRAWN)
-    there, fields = frames.present(step), (frames.lines(step), frames.tension(step), frames.broken(step))
+    present, fields = frames.present(step), (frames.lines(step), frames.tension(step), frames.broken(step))
     in_view = within(window, fields[0])
-    lines, N, broken, inside = (values[::stride][there[::stride]] for values in (*fields, in_view))
+    lines, N, broken, inside = (values[::stride][present[::stride]] for values in (*fields, in_view))
     kinds = (~broken & (N > 0), ~broken & (N < -trace), ~broken & (N <= 0) & (N >= -trace), broken)
     for (_, colour, width), rows in zip(STYLES, kinds):
         canvas.add_lines(axes, lines[rows & inside], colors=colour, linewidths=width)
-    failed, slack = frames.broken_count(step), count_slack(f, fields[1], there & ~fields[2])
-    outside = count_elements(f, there & ~in_view)
+    failed, slack = frames.broken_count(step), count_slack(f, fields[1], present & ~fields[2])
+    outside = count_elements(f, present & ~in_view)
     out_of_view = f", {outside} out of view" if outside else ""
     axes.set_title(f"t = {frames.times[step]:.4g} s: {failed} broken or removed, {slack} slack{out_of_view}")
 

@@ -22,7 +22,7 @@ from netfall.results.states import StateView, absent
 
 MOST_PANELS = 24  # panels of states, those of `_governing`; of more stages, every k-th and the last are drawn
 DRAWN_DEFLECTION = 0.06  # largest deflection drawn / largest extent of the net
-MIN_DEFLECTION = 1e-6  # largest deflection / largest extent; smaller ones, errors of equilibria, stay as they are
+MIN_DEFLECTION = 1e-6  # largest deflection / largest extent; smaller ones are errors, drawn as they are
 MAX_LABELLED_GROUPS = 16  # groups with labels
 
 
