@@ -267,6 +267,17 @@ def test_wrong_motions_are_refused(workshop, entry, message):
     assert message in done.stderr and "Traceback" not in done.stderr
 
 
+def test_the_first_steps_of_a_slow_motion_have_a_small_balance_error(workshop):
+    """A weight follows its support, whose acceleration grows from 0: n steps later, 1 / n^2 of the work."""
+    nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,0,0,-10,0,1000\n"
+    text = BAR + "[load]\nsteps = 1\n[[motion]]\nacceleration = 'm.csv'\n"
+    text += "[dynamics]\nduration = 0.2\ntime_step = 1e-3\n[output]\nhistory_interval = 1e-3\n"
+    job = workshop.job(text, nodes, "start,end\n1,2\n")
+    (job.parent / "m.csv").write_text("time,z\n0,0\n1,50\n")
+    with workshop.run(job) as f:
+        assert np.abs(f["history/energy_balance_error"][:]).max() < 1e-3
+
+
 @pytest.mark.parametrize(("before", "told"), [(0.5, True), (0.0, False)])
 def test_accelerations_before_time_zero_are_warned_of(workshop, before, told):
     nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,10,0,0,0,50\n3,20,0,0,1,\n"

@@ -18,6 +18,9 @@ from netfall.parallel.sums import LIMBS, round_over_ranks
 from netfall.physics.fields import Features
 from netfall.physics.state import State
 
+# steps: a motion from rest has an error of up to 2.5 / n^2 of its energy after n steps, as works of a row
+# count dt^2 a / 8 beyond its position
+START_STEPS = 50
 NEGLIGIBLE_ENERGY = 1e-4  # of the initial stored energy, the smallest reference of errors
 ROUNDING_FACTOR = 4e3  # smallest reference over the rounding error: four such errors are 1e-3 of it (W735)
 DAMPING = ("damping_work", "air_work", "band_damping_work")
@@ -95,7 +98,7 @@ def energy_in_play(rows: dict[str, np.ndarray]) -> np.ndarray:
     return np.where(np.isnan(energy), 0.0, energy)  # nan without the energy check
 
 
-# Reference energies [J] per row: an error is relative to the largest value up to its row.
+# Reference energies [J] per row: an error is relative to the largest value up to START_STEPS after its row.
 REFERENCE_ENERGIES: dict[str, Callable[[dict[str, np.ndarray]], np.ndarray]] = {
     "in_play": energy_in_play,
     "attached": lambda rows: np.nan_to_num(rows["attached_energy"]),
@@ -135,7 +138,7 @@ class History:
     """The rows so far. Each has a value for all of COLUMNS that the problem has.
 
     keeps_probes : whether this rank writes the values of probes; other ranks discard them
-    scales : [J] largest reference energies so far, by name, to which errors are relative
+    scales : [J] smallest reference energies of errors, by name; the blocks hold errors in [J]
     """
 
     def __init__(self, probes: Probes, features: Features, keeps_probes: bool):
@@ -163,16 +166,7 @@ class History:
 
         probe_rows : (k, p), in the layout of `explicit.sampling.Table`
         """
-        block = {name: np.asarray(columns[name]) for name in self.names}
-        scales = {
-            name: np.maximum.accumulate(np.append(self.scales[name], energy(block)))
-            for name, energy in REFERENCE_ENERGIES.items()
-        }
-        for name, share in ERROR_REFERENCE.items():
-            scale = scales[share][1:]
-            block[name] = block[name] / np.where(scale > 0.0, scale, 1.0)
-        self.scales = {name: float(scale[-1]) for name, scale in scales.items()}
-        self._append(block, probe_rows)
+        self._append({name: np.asarray(columns[name]) for name in self.names}, probe_rows)
 
     def _append(self, block: dict[str, np.ndarray], probe_rows: np.ndarray) -> None:
         self.blocks.append(block | ({PROBE_ROWS: probe_rows} if self.keeps_probes else {}))
@@ -182,7 +176,20 @@ class History:
         return float(np.abs(self.columns()[name]).max())
 
     def columns(self) -> dict[str, np.ndarray]:
-        """Return the rows as columns, for the result file and for checkpoints."""
+        """Return the rows as columns, with errors relative to the reference energies."""
+        columns = self._raw_columns()
+        if not len(self):
+            return columns
+        soon = columns["time"] + START_STEPS * columns["time_step"]
+        last = np.searchsorted(columns["time"], soon, side="right") - 1
+        for name, share in ERROR_REFERENCE.items():
+            energy = REFERENCE_ENERGIES[share](columns)
+            scale = np.maximum.accumulate(np.maximum(energy, self.scales[share]))[last]
+            columns[name] = columns[name] / np.where(scale > 0.0, scale, 1.0)
+        return columns
+
+    def _raw_columns(self) -> dict[str, np.ndarray]:
+        """Return the rows as columns, with errors in [J]."""
         return {name: self._whole(name, np.int64 if name in COUNTS else np.float64) for name in self.names}
 
     def _whole(self, name: str, dtype: type = np.float64) -> np.ndarray:
@@ -216,7 +223,7 @@ class History:
     def record(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the data for `restore`."""
         probe_rows = {PROBE_ROWS: self._whole(PROBE_ROWS)} if self.keeps_probes else {}
-        return {"scales": self.scales}, self.columns() | probe_rows
+        return {"scales": self.scales}, self._raw_columns() | probe_rows
 
     def restore(self, small: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
         """Restore the rows of an earlier run."""
