@@ -411,3 +411,14 @@ def test_a_table_in_another_encoding_is_refused_with_the_right_one(workshop):
     (workshop.folder / "nodes.csv").write_bytes(50_000 * b"#\n" + b"\xfc\n")  # beyond a block of a reader
     with pytest.raises(InputError, match="byte 100000: not text in UTF-8"):
         build_net(read_job(job))
+
+
+@pytest.mark.parametrize("cell", ["N{}", "{}.0"])
+def test_an_id_that_is_no_integer_is_one_error(workshop, cell):
+    """No error follows from the number that takes its place: not one of equal ids, nor of unknown nodes."""
+    nodes = re.sub(r"(?m)^(\d)", lambda row: cell.format(row[1]), NODES)
+    lines = error_lines(net_from, workshop, nodes)
+    assert len(lines) == 3 and all("expected an integer [E187]" in line for line in lines)
+    elements = re.sub(r"(?m)^(\d),(\d)", lambda row: f"{cell.format(row[1])},{cell.format(row[2])}", ELEMENTS)
+    assert len(error_lines(net_from, workshop, NODES, elements)) == 4
+    assert len(error_lines(net_from, workshop, nodes, elements)) == 3 + 4

@@ -91,8 +91,10 @@ def _pairs(table: Table, node_id: np.ndarray, nodes: str) -> np.ndarray:
 def _ends(table: Table, name: str, node_id: np.ndarray, nodes: str) -> np.ndarray:
     """Return the rows of the nodes in one column, -1: unknown."""
     numbers = table.integers(name)
-    rows = rows_of(node_id, numbers)
-    for row in np.flatnonzero(rows < 0).tolist():
+    is_integer = numbers >= -MAX_CELL
+    rows = np.where(is_integer, rows_of(node_id, numbers), -1)
+    has_ids = (node_id >= -MAX_CELL).all()  # otherwise some ids have errors
+    for row in np.flatnonzero((rows < 0) & is_integer & has_ids).tolist():
         place, number = table.at(row), numbers[row]
         table.wrong(messages.NO_SUCH_NODE(row=place, name=name, number=number, nodes=nodes))
     return rows

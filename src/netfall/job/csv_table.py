@@ -169,10 +169,13 @@ class Table:
         self.finish()
 
     def integers(self, name: str) -> np.ndarray:
-        """Return a column of integers up to MAX_CELL, as 64-bit numbers with room for more ids above them."""
+        """Return a column of integers up to MAX_CELL, as 64-bit numbers with room for more ids above them.
+
+        Each invalid cell has another number below -MAX_CELL.
+        """
         if self.units.get(name, "-") not in NO_UNIT:
             self.wrong(messages.COLUMN_WITHOUT_UNIT(name=name, unit=self.units[name][:40]))
-        values = np.zeros(len(self), np.int64)
+        values = -int(2 * MAX_CELL) - np.arange(len(self))
         for row, word in enumerate(self.columns[name]):
             number, expected = _parse_integer(word), "an integer"
             if number is not None and abs(number) <= MAX_CELL:

@@ -15,7 +15,7 @@ from netfall.core.functions import cos, from_rotated_axes, lengths, sin, to_rota
 from netfall.geometry.net import GRAVITY, Net
 from netfall.geometry.zones import RoofAreas, Zones
 from netfall.job import derived
-from netfall.job.csv_table import COLUMNS, UNITS, Table, open_load_table
+from netfall.job.csv_table import COLUMNS, MAX_CELL, UNITS, Table, open_load_table
 from netfall.job.job import Job
 from netfall.job.keys.models import Load, Wind
 from netfall.loads import messages
@@ -75,7 +75,7 @@ def _read_loads(table: Table, of_rows: str, net: Net) -> GivenLoads:
     values = table.stacked(COLUMNS[of_rows], 0.0, unit=UNITS[of_rows])
     numbers = table.integers(of_rows)
     rows = rows_of(ids, numbers)
-    for k in np.flatnonzero(rows < 0).tolist():
+    for k in np.flatnonzero((rows < 0) & (numbers >= -MAX_CELL)).tolist():
         table.wrong(messages.NO_SUCH_LOADED(row=table.at(k), kind=of_rows, number=numbers[k]))
     table.finish()
     total = np.zeros((len(ids), 3))
