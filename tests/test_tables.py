@@ -34,6 +34,7 @@ FORMS = {
     ),
     "mark of byte order": lambda text: "\ufeff" + text,
     "mark of byte order and a comment": lambda text: "\ufeff# x;y\n" + text,
+    "first line of Excel": lambda text: "sep=;\n" + text.replace(",", ";"),
     "capitals": lambda text: text.replace("id", "ID").replace("x,y,z", "X, Y ,Z").replace("start", "Start"),
     "line ends of Windows": lambda text: text.replace("\n", "\r\n"),
     "quotes": lambda text: text.replace("id", '"id"').replace("1.5", '"1.5"'),
@@ -406,10 +407,13 @@ def test_a_table_in_another_encoding_is_refused_with_the_right_one(workshop):
     """Spreadsheets save such tables if names are not in ASCII."""
     job = workshop.job(STEEL, NODES, ELEMENTS)
     (workshop.folder / "nodes.csv").write_bytes(("# Stütze\n" + NODES).encode("latin-1"))
-    with pytest.raises(InputError, match=r"byte 4: not text in UTF-8\. Save the table as UTF-8 text"):
+    with pytest.raises(InputError, match=r"line 1: not text in UTF-8\. Save the table as UTF-8 text"):
+        build_net(read_job(job))
+    (workshop.folder / "nodes.csv").write_bytes(NODES.encode("utf-16-le"))
+    with pytest.raises(InputError, match="line 1: not text in UTF-8"):
         build_net(read_job(job))
     (workshop.folder / "nodes.csv").write_bytes(50_000 * b"#\n" + b"\xfc\n")  # beyond a block of a reader
-    with pytest.raises(InputError, match="byte 100000: not text in UTF-8"):
+    with pytest.raises(InputError, match="line 50001: not text in UTF-8"):
         build_net(read_job(job))
 
 

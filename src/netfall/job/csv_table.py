@@ -31,6 +31,7 @@ DELIMITERS = ",;\t"
 AXES = ("x", "y", "z")  # columns of positions, and ends of the names of other columns
 ZONE_SEPARATOR = "/"  # separator of several zones, or their shares, in one cell; names of zones have none
 ESCAPED = re.compile(r"'*[=+\-@\t\r#]")  # start of a formula in a spreadsheet, or a comment, also behind '
+COMMENT = re.compile(r"\s*#|sep=.\s*$")  # line that is no row, as the first line of Excel, sep=;
 NO_UNIT = ("", "-", "1")  # units of columns without a unit in the row of units
 MIN_SIMILARITY = 0.7  # similarity (difflib) from which an unknown column is probably a typing error
 
@@ -85,8 +86,9 @@ class Table:
             )
         for name in [name for name in dict.fromkeys(header) if name in known and header.count(name) > 1]:
             self.wrong(messages.DUPLICATE_COLUMN(name=name))
-        for name in [name for name in required if name not in header]:
-            self.wrong(messages.MISSING_COLUMN(name=name, columns=", ".join(required)))
+        if missing := [name for name in required if name not in header]:
+            columns, names = ", ".join(required), ", ".join(header)[:80]
+            self.wrong(messages.MISSING_COLUMN(name=missing[0], columns=columns, line=line, names=names))
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -231,14 +233,19 @@ def _plain(word: str) -> str:
 
 def _rows_of(path: Path) -> list[tuple[int, list[str]]]:
     """Return the rows that are neither empty nor comments, with their lines. Raises InputError."""
+    data = read_bytes(path)
     try:
-        file = StringIO(read_bytes(path).decode("utf-8-sig"), newline="")
-        lines = ["\n" if line.lstrip().startswith("#") else line.rstrip("\r\n") + "\n" for line in file]
+        text = data.decode("utf-8-sig")
+        if "\0" in text:  # UTF-16 without a mark of byte order
+            raise UnicodeDecodeError("utf-8", data, data.index(0), len(data), "NUL")
+        file = StringIO(text, newline="")
+        lines = ["\n" if COMMENT.match(line) else line.rstrip("\r\n") + "\n" for line in file]
         header = next((line for line in lines if line.strip()), "")
         rows = _numbered_rows(path, lines, max(DELIMITERS, key=header.count))
         return [(number, row) for number, row in rows if any(cell.strip() for cell in row)]
     except UnicodeDecodeError as error:
-        raise InputError(messages.TABLE_NOT_UTF8(path=path, byte=error.start)) from None
+        line = data.count(b"\n", 0, error.start) + 1
+        raise InputError(messages.TABLE_NOT_UTF8(path=path, line=line)) from None
     except csv.Error as error:
         raise InputError(messages.NOT_CSV(path=path, reason=error)) from None
 

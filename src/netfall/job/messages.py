@@ -290,13 +290,13 @@ IGNORED_COLUMNS = Message(
 DUPLICATE_COLUMN = Message("E185", "column {name} occurs twice. Keep one of the two.")
 MISSING_COLUMN = Message(
     "E186",
-    "column {name} is missing; expected {columns}",
+    "column {name} is missing; expected {columns}. Line {line} gives the columns {names}.",
     "The header is the first row that is no comment. Names of columns are separated by commas, semicolons "
     "or tabs, as the values are.",
 )
 INVALID_CELL = Message("E187", "{row}: {name} = {cell!r}: expected {expected}")
 DECIMAL_COMMA = Message(
-    "E188", "{row}: {name} = {cell!r}: expected a number with a decimal point, not a comma"
+    "E188", "{row}: {name} = {cell!r}: expected a number with a decimal point, without commas"
 )
 EMPTY_CELL = Message("E189", "{row}: {name} is empty; expected a number")
 EMPTY_CELLS = Message("E190", "empty cells; expected a number in each")
@@ -312,7 +312,7 @@ NOT_ASCENDING = Message(
 MORE_ERRORS = Message("E193", "{path}: and {count} more errors")
 TABLE_NOT_UTF8 = Message(
     "E194",
-    "{path}: byte {byte}: not text in UTF-8. Save the table as UTF-8 text.",
+    "{path}: line {line}: not text in UTF-8. Save the table as UTF-8 text.",
     "Spreadsheets save tables in other encodings if names are not in ASCII. Choose UTF-8, or CSV UTF-8, "
     "when saving.",
 )
