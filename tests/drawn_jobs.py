@@ -33,7 +33,7 @@ FORMS = st.sampled_from(
 LINEAR = st.sampled_from((None, {"method": "force_density"}))
 # Nearly everything at once, in two ways that are stepped by different code.
 FULL = dict.fromkeys(FLAGS, True) | {"logarithmic": False, "wind": "gusts"}
-FULL |= {"rests": False}  # whose iterations take longer on three ranks than all the rest
+FULL |= {"rests": False}  # its iterations dominate the time on three ranks
 OTHER = dict.fromkeys(FLAGS, True) | {"fragments": False, "wind": "taps"}
 
 
@@ -61,7 +61,7 @@ class DrawnNet:
     pairs: np.ndarray
     held: np.ndarray
     roof: bool
-    square: bool = False  # of the grid alone
+    square: bool = False  # only of the grid
     panels: bool = True  # whether the areas of nodes are those of the faces
     tails: int = 0  # last nodes, which hang outside the grid
     names: list = field(default_factory=list)  # ids of nodes, ids of elements

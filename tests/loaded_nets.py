@@ -21,7 +21,7 @@ FEATURES = (
     *("dead", "snow", "pressure", "temperature", "zone", "cases", "settlement", "static_wind", "tables"),
     *("combination", "band", "wind", "taps", "yield", "tight", "logarithmic"),
 )
-SHARE = {"slide": 0.2, "clamps": 0.8, "subdivided": 0.15, "tight": 0.3}  # of the jobs, of what takes longer
+SHARE = {"slide": 0.2, "clamps": 0.8, "subdivided": 0.15, "tight": 0.3}  # of the jobs, of slow features
 
 
 @dataclass
@@ -344,7 +344,7 @@ def _cases(net: LoadedNet, nodes: dict, rng) -> None:
         cases[0]["set"]["load.zone.own.snow"] = between(50.0, 300.0)
     if "settlement" in has:
         able = (nodes["fixed"] | (nodes["spring"] > 0.0)).all(1)
-        able &= (nodes["angle"] == 0.0) | nodes["fixed"][:, :2].all(1)  # others settle along z alone
+        able &= (nodes["angle"] == 0.0) | nodes["fixed"][:, :2].all(1)  # others settle along z only
         p = int(rng.choice([p for p in nodes["edge"] if able[p]]))
         cases.append({"name": "sunk", "settlement": {str(p + 10): rng.uniform(-0.02, 0.02, 3).tolist()}})
     if "static_wind" in has:
@@ -356,7 +356,7 @@ def _cases(net: LoadedNet, nodes: dict, rng) -> None:
         columns = {"x": ["0", "9"], "y": ["0", "9"], "pressure": [number(pressure)] * 2}
         net.tables["case.csv"] = table(columns)
         cases.append({"name": "mapped", "pressure_table": "case.csv"})
-    if "slide" in has:  # which takes long in plain Python
+    if "slide" in has:  # slow in plain Python
         cases = [cases[k] for k in sorted(rng.choice(len(cases), 2, replace=False))]
     net.job["case"] = cases
     if "combination" in has:

@@ -24,7 +24,7 @@ from netfall.job.keys.schema import LIST_KEYS, TABLES, ZONE_KEYS
 from netfall.post.report.markdown import plain_table
 
 WIDTH = 108  # characters of a line
-NOUNS = {  # what a key takes, by its kind
+NOUNS = {  # value of a key, by its kind
     "number": "number",
     "integer": "integer",
     "flag": "`true`, `false`",

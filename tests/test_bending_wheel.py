@@ -82,7 +82,7 @@ def compare(truss: h5py.File, bent: h5py.File) -> None:
     case, ids = "cases/drift", bent["net/element_id"][:]
     names = bent["net/group_names"].asstr()[:][bent["net/group"][:]]
     N, M = truss[f"{case}/tension"][:][ids], bent[f"{case}/tension"][:]
-    for name in set(names.tolist()) - {"ring_outer"}:  # of the truss the inner chord alone
+    for name in set(names.tolist()) - {"ring_outer"}:  # only of the inner chord of the truss
         in_group = names == name
         assert np.abs(N - M)[in_group].max() < 0.005 * np.abs(N[in_group]).max(), name
     x = truss["net/particles"][:]

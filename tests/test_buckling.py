@@ -61,7 +61,7 @@ def test_the_check_of_a_post_agrees_with_a_hand_calculation(workshop):
     phi = 0.5 * (1 + 0.49 * (slender - 0.2) + slender**2)
     chi = 1 / (phi + np.sqrt(phi**2 - slender**2))
     post, of = rows[7], lambda name: float(rows[7][name])
-    assert of("euler_load") == pytest.approx(N_cr, rel=1e-10)  # twelve digits stand in the table
+    assert of("euler_load") == pytest.approx(N_cr, rel=1e-10)  # the table has twelve digits
     assert (of("slenderness"), of("chi")) == (pytest.approx(slender), pytest.approx(chi))
     assert of("compression_en1993_buckling") == pytest.approx(200e3, rel=1e-6)
     assert of("utilisation_en1993_buckling") == pytest.approx(200e3 / (chi * N_y), rel=1e-6)

@@ -225,7 +225,7 @@ def test_a_run_uses_the_module_path_of_its_process_and_reports_a_full_disk(tmp_p
     assert [path.name for path in tmp_path.iterdir()] == ["script.py"]
 
 
-# --- without an MPI library, and with another one's mpirun
+# --- without an MPI library, and with mpirun of another one
 
 NO_MPI = {"MPI4PY_LIBMPI": "/nonexistent/libmpi.so"}  # what mpi4py is to load; HDF5 is linked with its own
 

@@ -15,7 +15,7 @@ RHO, STEP = 1.25, 1e-3
 STRING = BARE.replace("683.08e-6", "1e-7")  # cables of next to no mass
 LINE = 7850.0 * 1e-7  # kg/m
 NODES = "id,x,y,z,fixed,mass,area,normal_x,normal_y,normal_z\n1,0,0,0,1,0,0,0,0,1\n"
-CABLES = "id,start,end,unstressed_length\n1,1,2,10.5\n2,2,3,2.5\n"  # slack: no force but that of the air
+CABLES = "id,start,end,unstressed_length\n1,1,2,10.5\n2,2,3,2.5\n"  # slack: only the air acts
 OWN, AREA = 50.0, 4.0  # kg, m2
 MASS = OWN + 6.5 * LINE  # of node 2, with half of both cables, which stays with it; node 3 is as heavy
 CUT = "[[remove]]\nelements = [1]\ntime = 0.005\n"

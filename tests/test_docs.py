@@ -17,7 +17,7 @@ from netfall.job.keys.schema import LIST_KEYS, TABLES
 from netfall.results.datasets import GROUPS
 
 KEYS = [(name, key) for name, keys in (TABLES | LIST_KEYS).items() if name for key in keys]
-FORBIDDEN = ("numpy", "numba", "mpi4py", "pydantic", "h5py")  # their import takes longer than the answer
+FORBIDDEN = ("numpy", "numba", "mpi4py", "pydantic", "h5py")  # their import is slower than the answer
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -297,7 +297,7 @@ def test_a_start_under_the_loads_of_the_last_stage_is_in_equilibrium(workshop):
     # another temperature without a stage: EA alpha T in two ropes, which no load balances
     cold = CABLES + "[load]\nself_weight = false\ntemperature = -100\n[dynamics]\nduration = 0.1\n"
     assert f"{start}1.442 kN, largest tension 1.201 kN. " in workshop.check(workshop.job(cold, NODES, TWO))
-    # errors of length alone bring no equilibrium
+    # errors of length only disturb the equilibrium
     drawn = CABLES + "length_std = 1e-3\n[load]\nself_weight = false\nsteps = 1\n"
     lines = workshop.check(workshop.job(drawn, NODES, TWO.replace("left,5", "left,4.9")))
     assert "warning: net as given: not in equilibrium" in lines
@@ -454,7 +454,7 @@ def test_the_lifted_shipped_wheel_has_the_form_found_directly(wheel, workshop):
 
 def test_lowering_the_wheel_reverses_its_lifting(wheel, workshop):
     """From the form to hanging in its lower radials: 1e-6 of the largest force, 1e-6 m."""
-    text = DIRECT.replace("[load]", "[load]\nsteps = 0\ntolerance = 1e-7")  # no limit load of what hangs
+    text = DIRECT.replace("[load]", "[load]\nsteps = 0\ntolerance = 1e-7")  # a hanging net has no limit load
     down = {4: 0.2, 1: 0.15}  # to lift 4 and from there to lift 1: m, of each radial
     for k, back in down.items():
         text += stage(f"down {k}", lengths=f"{{upper = {{change = {back}}}, lower = {{change = {back}}}}}")
@@ -548,7 +548,7 @@ def test_a_stop_counts_the_slips_of_all_stages(workshop):
 TWO_CABLES = CABLES + "[load]\nself_weight = false\nsteps = 1\n" + "".join(PULL), NODES, TWO
 
 
-WITH_FORM = (  # whose pause is not in its form
+WITH_FORM = (  # its pause is not in its form
     CABLES
     + "[form_finding]\n[load]\nself_weight = true\nsteps = 1\n"
     + stage("a")

@@ -201,9 +201,7 @@ def test_a_run_of_exported_tables_has_the_same_net_and_bits(tmp_path, name):
     first, again = (values_of(tmp_path / f"{run}.vtkhdf", groups) for run in ("first", "again"))
     assert first.keys() == again.keys()
     moved = {"net/particles", "net/element_id", "net/zone_names", "removal/element"}  # the form; parts' ids
-    moved.add(
-        "net/buckling_length"
-    )  # also of cables, where it has no effect; /net/euler_load shows it for bars
+    moved.add("net/buckling_length")  # without effect for cables; for bars see /net/euler_load
     for key in first.keys() - moved:
         assert np.array_equal(first[key], again[key], equal_nan=first[key].dtype.kind == "f"), key
     if name == "every column":

@@ -241,7 +241,7 @@ def test_studies_end_when_the_disk_is_full(disk, workshop):
     assert disk.names() == {"s.study.h5"}
 
 
-# --- what stands behind it
+# --- how files are written
 
 
 def test_a_full_disk_leaves_the_new_table_or_the_old_one(tmp_path, monkeypatch):

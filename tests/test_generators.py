@@ -68,7 +68,7 @@ def test_ring_of_constant_horizontal_force_is_a_hypar():
     force = pulls(net.x, net.elements, 1e5 / plan * net.lengths())  # 100 kN along x and along y
     regular = np.bincount(net.elements.ravel(), np.repeat(np.abs(plan - 3.0) < 1e-9, 2), net.n) == 4
     assert regular.sum() > 200 and np.abs(force[regular]).max() < 1e-7  # rounding of 1e5 N
-    # what the cables along x alone give to a node: 2 H rise dx / a^2
+    # load of a node from the cables along x: 2 H rise dx / a^2
     slope = 4.0 * (3.0 / 30.0) ** 2 * 2 / 3.0
     along_x = pulls(net.x, net.elements, np.where(net.group == 0, 1e5 / plan * net.lengths(), 0.0))
     assert along_x[regular, 2] == pytest.approx(np.full(regular.sum(), 1e5 * slope), rel=1e-9)
@@ -104,7 +104,7 @@ def test_forces_of_the_dome_by_hand():
     assert of(net, "ring_lower") == pytest.approx(np.full(n, lower), rel=1e-12)
     assert of(net, "strut") == pytest.approx(np.full(n, -S * fall / out), rel=1e-12)
     pull = pulls(net.x, net.elements, net.prestress)[net.fixed.all(1)]
-    assert np.abs(pull[:, 2]).max() < 1e-9 * S  # ridge down, diagonal up, alike
+    assert np.abs(pull[:, 2]).max() < 1e-9 * S  # ridge down, diagonal up, equal
 
 
 def heights_of_equal_force(net, H):

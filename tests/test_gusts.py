@@ -123,10 +123,7 @@ def test_variance_and_half_octaves_agree_with_the_spectrum(spectrum, dt):
         n = np.linspace(lower, upper, 200)
         ratio = np.trapezoid(own_spectrum(model, dt, n), n) / np.trapezoid(gust.spectrum(n), n)
         assert abs(ratio - 1) < 0.15, (lower, ratio)
-        assert abs(ratio - 1) < abs(model.losses.misfit) + 0.04, (
-            lower,
-            ratio,
-        )  # of the noted misfit; finer bands
+        assert abs(ratio - 1) < abs(model.losses.misfit) + 0.04, (lower, ratio)  # finer bands
     slowest = model.losses.slow_below
     assert model.losses.slow_target == pytest.approx(below(slowest) / share, rel=1e-9)
     n = (np.arange(2**12) + 0.5) * slowest / 2**12
@@ -428,7 +425,7 @@ def test_the_gust_load_of_a_facade_follows_its_coherence(upward):
     field, gust = make_wind_field(x, vector, wind), make_gust(wind)
     mode = np.sin(np.pi * x[:, 1] / WIDE) * np.sin(np.pi * x[:, 2] / HIGH)
     n = np.geomspace(1e-4, 10.0, 150)
-    # the lags miss octaves by 0.03; at 1000 the points stand in rows over the height, few in each
+    # the lags miss octaves by 0.03; at 1000 the points are in rows over the height, few in each
     whole, first = (0.05, 0.1) if upward < 100.0 else (0.1, 0.25)
     for waves, share, off in ((0, vector[:, 0], whole), (1, vector[:, 0] * mode, first)):
         load = load_on(field, share)
@@ -453,7 +450,7 @@ def test_each_decay_changes_the_load_of_a_masted_net():
             field = make_wind_field(x, vector, gusty(gust_field=gusts, coherence_decay=decay))
             load = load_on(field, vector[:, 2])
             variances.append(load @ field.model.covariance @ load)
-        # less decay: the load is more alike; more: less
+        # less decay: the correlation and the load increase; more: they decrease
         assert variances[1] > 1.005 * variances[0] and variances[2] > 1.02 * variances[0], gusts
         assert variances[3] < 0.998 * variances[0], gusts
 

@@ -91,9 +91,7 @@ def test_a_long_chain_is_an_elastic_catenary(workshop, n, ratio):
         x, N = positions(f), f["statics/tension"][-1]
         assert f["statics"].attrs["state"] == "equilibrium" and not f["statics/relaxed"][-1]
     assert -x[:, 2].min() == pytest.approx(sag, rel=1.0 / n**2 + 1e-6)
-    in_parts = np.hypot(
-        H, WEIGHT * L0 / (2.0 * n)
-    )  # next to the lowest node, which carries one part's weight
+    in_parts = np.hypot(H, WEIGHT * L0 / (2.0 * n))  # at the lowest node, which carries one part's weight
     assert N.min() == pytest.approx(in_parts, rel=1.0 / n**2 + 1e-6)
 
 

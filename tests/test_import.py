@@ -103,7 +103,7 @@ def test_every_kind_of_line_is_read(tmp_path):
     space.add_spline([(4, 0, 2), (6, 1, 3), (8, 0, 2)], dxfattribs={"layer": "d"})
     space.add_3dface([(4, 4, 2), (8, 4, 2), (8, 0, 2), (4, 0, 2)], dxfattribs={"layer": "e"})
     inner = sketch.document.blocks.new("inner")
-    inner.add_line((0, 0), (1, 0))  # on layer 0, so on that of the block where it stands
+    inner.add_line((0, 0), (1, 0))  # on layer 0, so on that of the block reference
     outer = sketch.document.blocks.new("outer")
     outer.add_blockref("inner", (0, 0), dxfattribs={"rotation": 90, "yscale": 2, "xscale": 2})
     space.add_blockref("outer", (8, 4, 2), dxfattribs={"layer": "f"})
@@ -118,7 +118,7 @@ def test_every_kind_of_line_is_read(tmp_path):
     # a chord of sagitta s = size / 200 on an arc is shorter by 8 s^2 / 3 c^2, here at most 2.5e-4 of it
     assert len(of("c")) >= 4 and of("c").sum() == pytest.approx(2 * np.pi, rel=1e-2)
     assert len(of("d")) >= 4 and of("d").sum() > 2 * 5**0.5
-    assert of("e").tolist() == [4.0] * 3  # one side lies on the polyline, which comes first
+    assert of("e").tolist() == [4.0] * 3  # one side is on the polyline, which comes first
     assert of("f").tolist() == [2.0] and [8, 6, 2] in net.x.round(9).tolist()
     output = "\n".join(reading.lines)
     assert "2 blocks exploded, blocks in blocks to depth 2" in output and "left out: 1 TEXT" in output

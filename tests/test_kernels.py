@@ -166,7 +166,7 @@ def test_fast_kernels_have_the_bits_of_the_general_one(scene):
     for plain in (True, False):
         state = make_state(scene, 1600, lattice(), LATTICE, 2)
         forces, _ = forces_of(state, plain)
-        assert share_in_line(state) >= 0.6  # all but those at the ends of rows
+        assert share_in_line(state) >= 0.6  # all except those at the ends of rows
         outcomes.append((forces.tobytes(), b"" if state.slot_eps_p is None else state.slot_eps_p.tobytes()))
     assert outcomes[0] == outcomes[1]
 

@@ -183,7 +183,7 @@ def test_ice_has_weight_and_mass(workshop):
     assert added[-3:] == pytest.approx(0.5 * mass[guys], rel=1e-12)
     assert iced.loading.carried == pytest.approx(added, rel=1e-9)
     assert iced.load[:, 2] - light.load[:, 2] == pytest.approx(-GRAVITY * added, rel=1e-9)
-    thicker = field.force[[0, -1], 0] / bare_field.force[[0, -1], 0]  # of the mast alone, of a guy alone
+    thicker = field.force[[0, -1], 0] / bare_field.force[[0, -1], 0]  # only of the mast, only of a guy
     assert thicker == pytest.approx([(0.3 + 0.03) / 0.3, (0.03 + 0.03) / 0.03], rel=1e-12)
 
 
@@ -241,7 +241,7 @@ def test_gusts_on_a_mast_have_the_variance_of_the_coherence(workshop):
     delay = np.linalg.norm(apart, axis=2) / (0.5 * (mean[:, None] + mean))
     correlation = _correlation(delay.ravel(), gust, wind.time_step).reshape(delay.shape)
     assert variance == pytest.approx(load @ correlation @ load * gust.deviation**2, rel=0.03)
-    assert 0.3 < variance / (load.sum() * gust.deviation) ** 2 < 0.9  # neither one gust nor independent ones
+    assert 0.3 < variance / (load.sum() * gust.deviation) ** 2 < 0.9  # neither equal nor independent gusts
     text = mast(3, 6, 0.6)[0] + "[load]\n" + GUSTY.format(duration=1.0, more="")
     thick = workshop.job(text, nodes, elements, "thick")
     assert model_of(thick)[1].force == pytest.approx(2.0 * field.force, rel=1e-12)

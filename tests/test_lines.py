@@ -33,7 +33,7 @@ def test_straight_elements_form_one_line():
     ends = [(3, 2), (0, 1), (2, 1), (3, 4), (2, 5), (6, 2), (5, 7)]
     line_of, touching = lines(ends, x)
     assert sorted(min(line, line[::-1]) for line in line_of) == [[0, 1, 2, 3, 4], [5, 2, 6], [5, 7]]
-    assert touching == 3  # two lines at 2, and behind 5 another one
+    assert touching == 3  # two lines at 2, and another one after 5
     line_of, _ = lines(ends, x, held=[2])
     assert [2, 3, 4] in line_of or [4, 3, 2] in line_of
 

@@ -46,7 +46,7 @@ def stopped_after(workshop, job, ranks: int, number: int, wait: float) -> int:
     process = start_run(job, workshop.folder / "result.vtkhdf", ranks)
     time.sleep(wait)
     process.send_signal(number)
-    _, error = process.communicate(timeout=100)  # without a look between the rows it would be minutes
+    _, error = process.communicate(timeout=100)  # without a check between the rows it would be minutes
     assert process.returncode == 4, error
     assert "interrupted at t =" in error
     newest = max(workshop.folder.glob("*.checkpoint-*"))

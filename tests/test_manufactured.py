@@ -194,7 +194,7 @@ def test_every_step_equals_the_plain_one(torn):
     assert np.abs(f["history/work_identity_error"][:]).max() < 1e-12  # rounding
     assert f["envelope/slack_time"][:] == pytest.approx(10 * DT * np.sum(plain.slack[1:], axis=0), abs=1e-12)
     assert f["VTKHDF/Steps/Values"][:] == pytest.approx(DT * STEPS * np.linspace(0, 1, 5), abs=DT)
-    # the step's own error; what yields alone is 7 %
+    # error of the step; the plastic work is 7 %
     assert np.abs(f["history/energy_balance_error"][:]).max() < 0.02
     assert last("plastic_dissipation") > 0.05 * last("external_work")
     # what the case is to have: each kind of event, and slack

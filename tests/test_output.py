@@ -288,7 +288,7 @@ def test_selected_snapshots_show_events():
     shown = times[select_snapshots(times, fractures, none, [])]
     assert shown == pytest.approx([0.0, 4.0, 4.1, 4.2, 4.4, 4.6])
     assert times[select_snapshots(times, fractures[:1], np.array([2.0, 6.0]), [6.55])] == pytest.approx(
-        [0.0, 1.9, 2.1, 4.1, 6.1, 6.6]  # what is lost at 2 s is gone after it
+        [0.0, 1.9, 2.1, 4.1, 6.1, 6.6]  # removed at 2 s
     )
     assert times[select_snapshots(times, none, none, [3.04, 7.04])] == pytest.approx([0, 2, 3.1, 4, 7.1, 10])
 
@@ -306,7 +306,7 @@ def test_colour_scales_cover_nearly_all_forces():
     assert support_edge(x, np.array([0, 1, 2, 4])).tolist() == []  # node 3 is outside
     around = 2.0 * np.pi * np.arange(12) / 12
     feet = np.array([[r * np.cos(a), r * np.sin(a), 0.0] for a, r in zip(around, [8.0, 14.0] * 6)])
-    assert support_edge(feet, np.arange(12)).tolist() == []  # masts and anchors in turn
+    assert support_edge(feet, np.arange(12)).tolist() == []  # masts and anchors alternate
 
 
 def test_colour_scales_ignore_elements_that_cannot_move():

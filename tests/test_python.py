@@ -73,7 +73,7 @@ def test_importing_netfall_loads_neither_compiler_nor_mpi():
 def test_a_net_from_arrays_moves_and_breaks_as_in_the_tutorial(here, standing):
     """Histories by id agree with the hand calculation, also the state after the fracture. Numbers are ids."""
     with netfall.run(cross()) as swing:
-        z = swing.displacement(node=5)[:, 2]  # from the form, at rest under the weight twice 0.02815 m
+        z = swing.displacement(node=5)[:, 2]  # from the form; in equilibrium under the weight twice 0.02815 m
         assert z.min() == pytest.approx(-0.0563, abs=2e-4)  # the frame nearest to the lowest point
         assert swing.tension(element=1)[0] == pytest.approx(100e3, rel=1e-6)
         assert (swing.tension(element=1) == swing.tension(element=[13, 1])[:, 1]).all()
@@ -91,7 +91,7 @@ def test_a_net_from_arrays_moves_and_breaks_as_in_the_tutorial(here, standing):
             swing.history["kinetic_enegy"]
         place = swing.path
         assert place.exists()
-    assert not place.parent.exists()  # what was temporary is gone
+    assert not place.parent.exists()  # temporary files are removed
     with netfall.run(cross(), {"cable.fracture_strain": 0.0017}) as broken:
         assert broken.events["time"][:2] == pytest.approx([0.1211] * 2, abs=5e-5)
         assert broken.events["element"][:2].tolist() == [1, 2]

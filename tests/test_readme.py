@@ -24,7 +24,7 @@ PAGES = sorted(
 )
 NAMES = [page.relative_to(ROOT).as_posix() for page in PAGES]
 SHIPPED = [page for page in PAGES if page.is_relative_to(DOCS)]
-WIDEST = 110  # characters of a line, but in tables
+WIDEST = 110  # characters of a line, except in tables
 # Most words of prose: of a page, of README.md, of a how-to page, of all pages for users.
 MOST_WORDS, MOST_OF_README, MOST_OF_HOW_TO, MOST_OF_ALL = 2500, 700, 500, 32000
 

@@ -153,7 +153,7 @@ def test_a_fading_chain_pulls_its_ends_by_the_horizontal_force():
     assert state.load_after == pytest.approx(0.5 * state.load_before, abs=1e-12)
 
 
-# --- a cable with all that can hang on it
+# --- a cable with all kinds of loads
 
 HANGER = 10.0  # m
 HUNG = """
@@ -255,7 +255,7 @@ def test_a_roof_with_fractures_and_removals_has_the_same_bits(workshop, what_lea
     text = ROOF.replace("seed = 3", f'seed = 3\nafter_fracture = "{what_leaves}"')
     if what_leaves == "panels":  # no load that grows, nor, for the scene is that of the other, along x or y
         text = text.replace("pressure = -100.0\nramp = 0.4", "pressure = [0.0, 0.0, 100.0]")
-        text = text.replace(LOSSES, LOSSES[LOSSES.index("[[remove]]", 1) :])  # each takes a rest
+        text = text.replace(LOSSES, LOSSES[LOSSES.index("[[remove]]", 1) :])  # each has a static stage
     job = workshop.job(text)
     with workshop.run(job) as one, workshop.run(job, ranks=2, output="two.vtkhdf") as two:
         assert_same_results(one, two)

@@ -85,7 +85,7 @@ def test_a_fading_tension_moves_the_weight_as_in_closed_form(both_ways):
         for name in ("tension_before", "tension_after", "tension_peak", "dynamic_factor")
     )
     middles = np.arange(1, 2 * len(shares), 2)
-    assert before[0, middles] == pytest.approx(WEIGHT / 2, rel=1e-9)  # 1e-10 of the load, found at rest
+    assert before[0, middles] == pytest.approx(WEIGHT / 2, rel=1e-9)  # 1e-10 of the load, in equilibrium
     assert after[0, middles] == pytest.approx(WEIGHT, rel=1e-9)
     assert (after[0, middles - 1] == 0).all() and np.isnan(peak[:, middles - 1]).all()
     turns = np.pi * np.array(shares)
@@ -220,7 +220,7 @@ def test_repeatedly_interrupted_damaged_equilibria_end(workshop, torn):
         except Interrupted as interrupted:
             places.append(str(interrupted).split(";")[0])
             assert len(places) < 30
-            restart = max(workshop.folder.glob("result.checkpoint*"))  # as a script takes the last by name
+            restart = max(workshop.folder.glob("result.checkpoint*"))  # as a script selects the last by name
         else:
             break
     assert len({where for where in places if "without" in where}) > 1

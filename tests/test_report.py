@@ -364,7 +364,7 @@ def test_the_force_at_an_end_has_the_share_of_line_load_and_ice_of_its_load_step
         assert [high[0], -low[1]] == pytest.approx(wanted, rel=1e-5), name
 
 
-# Snow of 200 kN on node 5, by factors; [limits] count for what is of kind service alone.
+# Snow of 200 kN on node 5, by factors; [limits] apply to combinations of kind service only.
 SERVICE = {"light": (0.25, "SLS"), "heavy": (0.75, "SLS"), "lift": (-0.5, "SLS")}
 KINDS_OF = SERVICE | {"more": (1.0, "ULS"), "most": (1.5, "ULS")}
 LIMITED = CASES.split("[[case]]")[0] + "[limits]\ndisplacement = '2 mm'\n"

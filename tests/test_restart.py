@@ -22,7 +22,7 @@ from kill_runs import JOB, changed, repeat_runs_with_kills
 
 CALM = changed(checkpoint_interval=0)
 KILLS = int(os.environ.get("NETFALL_KILLS", "20"))  # of the long story
-LONGEST = 6.0  # s after which a killed run would have ended on its own
+LONGEST = 6.0  # s after which a killed run would have ended
 
 # Fewer steps and frames where none has to be met in the middle of them: ranks wait for one another in each.
 SLOW = changed(checkpoint_interval=0.1, time_step=1e-4, frames=8, history_interval=0.02)

@@ -12,7 +12,7 @@ TUBE = 'kind = "bar"\nmodulus = 2.1e11\narea = 6570e-6\nsecond_moment = 36.0e-6\
 CABLES = "[cable]\nmodulus = 1e11\narea = 1e-3\ndensity = 1000.0\n"
 STIFF = 'kind = "bar"\nmodulus = {}\narea = 0.6\nsecond_moment = 0.05\nbending = true\ndensity = {}\n'
 LOAD = "[load]\nself_weight = false\ntolerance = 1e-10\n"
-# in plan at three nodes along the ring, which radial motions leave alone; upright at all
+# in plan at three nodes of the ring, without effect on radial motions; vertically at all
 FREE = f'[[stage]]\nname = "free"\nrelease = ["ring"]\nhold = {{ring = "z", 1 = "y", {K // 4 + 1} = "x", '
 FREE += f'{K // 2 + 1} = "y"}}\n'
 

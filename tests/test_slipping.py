@@ -68,7 +68,7 @@ def test_a_rope_that_runs_out_stops(both_ways):
     slip, time = f["slide/slip"][:, 0], f["history/time"][:]
     assert np.ptp(slip[time > at]) == 0.0 and abs(slip[-1]) == pytest.approx(way, rel=1e-4)
     W, k = HEAVY * G, 1e8 / (HIGH + way)
-    # it comes with the tension that it had in motion
+    # it arrives with its tension in motion
     peak = W + np.sqrt((W - T["heavy"]) ** 2 + k * HEAVY * (a * at) ** 2)
     assert f["envelope/tension_max"][1] == pytest.approx(peak, rel=1e-2)
     assert (audits(f) < (AUDIT, 1e-3)).all()

@@ -27,7 +27,7 @@ def tables(hub: bool, zone: bool = False) -> tuple[str, str]:
     return nodes, elements + f"101,1,{K // 2 + 1},tie,{FORCE}\n"
 
 
-# tangentially at three nodes, which all motions along the radii leave alone
+# tangentially at three nodes, without effect on radial motions
 IN_PLACE = f'{{1 = "y", {K // 4 + 1} = "x", {K // 2 + 1} = "y"}}'
 RELEASES = ['{ring = "xy"}', '{rim = "xy"}', '{all = "xy"}']
 

@@ -41,7 +41,7 @@ def test_cables_continue_straight_and_end_at_bends_and_supports(workshop):
     """At a crossing each line continues. 20 degrees are straight, 40 are not; a support is an anchor."""
     net = net_of(workshop, table("id", range(20, 27)))
     assert pieces(net) == ["e20", "e21", "e20", "e21", "e20", "e25", "e26"]
-    assert net.cable.tolist() == [0, 1, 0, 1, 0, 2, 3]  # numbered as they come in the rows
+    assert net.cable.tolist() == [0, 1, 0, 1, 0, 2, 3]  # numbered in the order of the rows
 
 
 def test_groups_divide_cables_and_subdivision_does_not(workshop):

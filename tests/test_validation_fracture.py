@@ -87,7 +87,7 @@ def test_weight_on_a_cable_that_breaks(both_ways, compare):
     # springs towards the weight until it is slack, and keeps its speed.
     stretch, mu = limit * length, M * half / total
     omega = np.sqrt(k / mu)
-    still = weight / M / omega**2  # stretch with which the two would fall side by side
+    still = weight / M / omega**2  # elongation at which the two would fall side by side
     rate = -v + 0.5 * dt * (weight / M - k * -z(step + 1) / mu)  # of the stretch at step + 1
     away = omega * np.sqrt((stretch - still) ** 2 - still**2)
     slack = rate / (k * stretch / mu - weight / M) + np.arccos(-still / (stretch - still)) / omega

@@ -18,7 +18,7 @@ from netfall.physics.wind_spectra import make_gust
 
 THEME, PYCONTURB = "Other programs", "PyConTurb, sums of cosines at every node"
 NODES = (wind.CELLS + 1) ** 2
-FIT, FIT_LAST, FIT_COHERENCE = 0.09, 0.2, 0.08  # octaves but the last; the last, where means are weak
+FIT, FIT_LAST, FIT_COHERENCE = 0.09, 0.2, 0.08  # octaves except the last; the last, where means are weak
 SCATTER = 3.0  # standard errors
 
 

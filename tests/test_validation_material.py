@@ -74,7 +74,7 @@ def test_weight_dropped_on_a_cable_that_yields(both_ways, compare, strain):
     rest = remains(longest, NY)
     spring = stored(longest, rest)
     heat = NY * (longest - at_yield) - (spring - stored(at_yield, L0))
-    thrown = longest - spring / F  # shortest length after the rebound: F gets back what was stored
+    thrown = longest - spring / F  # shortest length after the rebound: F recovers the stored energy
     speed = lambda L: np.sqrt(2 / mass * (F * (h + L - L0) - stored(L, L0)))
     at_the_yield_force = mass * speed(at_yield) / (NY - F)
     # back from the longest, over s = sqrt(longest - L), in which the integrand has no singular end

@@ -312,5 +312,5 @@ def test_published_prestress_of_all_groups_gives_equal_forces(workshop):
     path.write_text(job)
     net = build_net(read_job(path))
     N = self_stress(net, None, 1e-6).N
-    assert np.abs(N - net.prestress).max() < 0.1  # N, as the source says of its digits
+    assert np.abs(N - net.prestress).max() < 0.1  # N, the stated digits of the source
     assert net.m == 156

@@ -38,7 +38,7 @@ def chain(H, V, w, EA, L, n):
 def catenary_with_leading_error(H, V, w, EA, L, n):
     """The catenary less h^2 / 24 (f'(L) - f'(0)): what the midpoint rule leaves to second order."""
     x, z = catenary(H, V, w, EA, L, n)
-    # of the integrands, but for a constant
+    # of the integrands, up to a constant
     slope = lambda V: np.array([H * V, -(H**2)]) * w / np.hypot(H, V) ** 3
     dx, dz = (L / n) ** 2 / 24 * (slope(V - w * L) - slope(V))
     return x - dx, z - dz

@@ -15,7 +15,7 @@ import pytest
 from conftest import ROOT, run_process
 
 THEME, OTHERS = "Other programs", {"opensees": "OpenSees, MinMax", "lammps": "LAMMPS, fix bond/break"}
-FIRST = 12  # fractures whose order is compared
+FIRST = 12  # fractures with compared order
 JOB = f"""
 [cable]
 modulus = {torn.MODULUS!r}
@@ -37,7 +37,7 @@ history_interval = {{duration!r}}
 def tear(workshop, load: float, run: int = 0, steps: int = torn.STEPS, fragments: bool = False):
     """Return step and number of each broken element, final positions (n, 3) [m], and the outcome."""
     x, fixed, elements, kind = torn.net()
-    corners = np.unique(elements)  # all but the corners
+    corners = np.unique(elements)  # all except the corners
     numbers = np.column_stack([corners, x[corners], fixed[corners], torn.loads(load, run)[corners]])
     nodes = "id,x,y,z,fixed,load_z,mass\n" + "".join(
         f"{int(p)},{a!r},{b!r},{c!r},{int(held)},{force!r},{torn.CARRIED!r}\n"
@@ -117,9 +117,7 @@ def test_intact_motion_and_first_fractures(shared_workshop, compare, theirs, k):
             np.abs(x - theirs[f"{name}/{k}/intact"]).max(), 1e-10, "rounding of 380 steps", "m"
         )
         other = theirs[f"{name}/{k}/order"]
-        assert np.array_equal(
-            other[:, 1], early
-        )  # a plain loop with the other's rule: all fractures in order
+        assert np.array_equal(other[:, 1], early)  # a plain loop with the other's rule: all fractures
         if not len(other):
             assert not len(order)
             continue

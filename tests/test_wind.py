@@ -190,7 +190,7 @@ def test_check_names_the_losses_of_time_step_and_lags(workshop):
     notes = [next(line for line in lines if word in line) for word in places]
     assert len(lines) == 7 and all(note.startswith(("note: ", "warning: ")) for note in notes), lines
     above, rest = (1 + 30.0**2) ** (-1 / 3), float(re.search(r"([\d.]+)% of the variance", notes[0])[1])
-    assert above < rest / 100 < 1.7 * above  # with what interpolation takes, which is less
+    assert above < rest / 100 < 1.7 * above  # less the part that interpolation removes
     quiet = checked(workshop, 'turbulence_intensity = 0.18\nspectrum = "kaimal"\ntime_step = 0.02\n')
     assert [line for line in quiet if line.startswith(("note", "warning"))] == []
     assert checked(workshop, "surface_drag = 0\n") == [

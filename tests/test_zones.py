@@ -450,9 +450,7 @@ def test_sectors_are_linear_in_the_direction(workshop, direction, roof, edge):
     """By hand, for the roof and a zone with a column, also in capital letters, and across 360 degrees."""
     model = model_of(sectors_job(workshop, BY_SECTORS, SECTORS, f"wind.direction={direction}"))
     expected = np.where(model.roof.zones.of_node == 0, edge, roof)
-    assert model.layout.pressure_coefficient == pytest.approx(
-        expected, abs=1e-15
-    )  # rounding of numbers near 1
+    assert model.layout.pressure_coefficient == pytest.approx(expected, abs=1e-15)  # rounding near 1
 
 
 def test_a_zone_without_a_column_has_its_own_value_or_that_of_the_roof(workshop):
