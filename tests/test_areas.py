@@ -185,9 +185,8 @@ def test_given_vector_areas_are_used(workshop):
         areas.append(tributary_areas(net.x, net, find_faces(net)))
     plain, area, normal, both = areas
     factor = 3.0 / plain.surface
-    assert (
-        np.allclose(area.vector, factor[:, None] * plain.vector, rtol=1e-14) and (area.surface == 3.0).all()
-    )
+    assert np.allclose(area.vector, factor[:, None] * plain.vector, rtol=1e-14)
+    assert (area.surface == 3.0).all()
     assert np.allclose(area.plan, factor * plain.plan, rtol=1e-14)
     assert np.allclose(normal.vector, plain.surface[:, None] * [0.6, 0, 0.8], rtol=1e-14)
     assert (normal.surface == plain.surface).all() and (normal.plan == plain.plan).all()

@@ -184,9 +184,8 @@ def test_combinations_have_curves_and_draws_are_pooled():
     drawn = parts[0] | {"cable.prestress": generator.normal(1e5, 5e3, 40)[parts[0]["wind.seed"] - 1]}
     pooled = fragility_section(drawn)
     assert pooled["pooled"].tolist() == ["cable.prestress"] and set(pooled["curve"]) == {""}
-    assert pooled["samples"][0] == 40 and np.array_equal(
-        pooled["median"], fragility_section(parts[0])["median"]
-    )
+    assert pooled["samples"][0] == 40
+    assert np.array_equal(pooled["median"], fragility_section(parts[0])["median"])
     crossed = {name: np.tile(values, 9) for name, values in parts[0].items()}
     crossed["cable.prestress"] = np.repeat(generator.normal(1e5, 5e3, 9), 200)
     section = fragility_section(crossed)
@@ -269,9 +268,8 @@ def test_rank_correlation_of_a_known_case():
     one = np.arange(9)
     same = np.zeros(18, int)
     assert spearman(x, y, one, same[:9])[0] == pytest.approx(1 - 6 * 18 / (8 * 63), rel=1e-12)  # rounding
-    assert spearman(x, y, one, same[:9])[1:] == (8, True) and np.isnan(
-        spearman(x[:5], y[:5], one[:5], same[:5])[0]
-    )
+    assert spearman(x, y, one, same[:9])[1:] == (8, True)
+    assert np.isnan(spearman(x[:5], y[:5], one[:5], same[:5])[0])
     # the same draws at two combinations of [vary] are no further evidence
     y = np.array([4.0, 2, 3, 1, 6, 5, 8, 7, 1.0])  # 0.738, of chance 1.96 / sqrt(7) = 0.741
     assert spearman(np.repeat(x, 2), np.repeat(y, 2), np.arange(18), same)[1:] == (16, True)
@@ -374,9 +372,8 @@ def test_reasons_that_differ_in_ids_are_one(tmp_path):
     samples["reason"][:] = ["element 4", "3 elements (4, 7, 9)", "9 elements (4, 7, 9, 11, 12, ...)", "none"]
     write_study(tmp_path / "a.study.h5", samples, {})
     text = study_lines(tmp_path / "a.study.h5")
-    assert (
-        "undecided, 3 times with different numbers: element 4;" in text and "undecided, 1 time: none" in text
-    )
+    assert "undecided, 3 times with different numbers: element 4;" in text
+    assert "undecided, 1 time: none" in text
 
 
 def test_a_study_is_plotted_and_exported(storm, tmp_path, capsys):

@@ -602,9 +602,8 @@ def test_an_output_path_in_use_is_refused(workshop):
     job = workshop.job(changed(duration=0.002))
     place = workshop.folder / "result.vtkhdf"
     place.write_text("precious")
-    assert (
-        "is not a result of netfall" in workshop.run(job, code=2).stderr and place.read_text() == "precious"
-    )
+    assert "is not a result of netfall" in workshop.run(job, code=2).stderr
+    assert place.read_text() == "precious"
     place.unlink()
     workshop.run(job).close()
     workshop.run(job).close()

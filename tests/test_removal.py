@@ -115,9 +115,8 @@ def test_a_sudden_removal_doubles_the_static_displacement(both_ways):
     assert (audits(result) < (1e-13, 4 * rounding)).all()  # rounding
     assert result["history/slack"][-1] == 0 and result["history/broken"][-1] == 0
     assert result["VTKHDF/CellData/broken"][-2:].tolist() == [1, 0]
-    assert result["events/time"].shape == (0,) and result["initial_state/tension"][:] == pytest.approx(
-        [5e3] * 2
-    )
+    assert result["events/time"].shape == (0,)
+    assert result["initial_state/tension"][:] == pytest.approx([5e3] * 2)
 
 
 @pytest.mark.parametrize("duration", [0.0, 1e-6, 0.3])

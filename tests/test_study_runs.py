@@ -303,10 +303,8 @@ def test_the_sunk_area_is_that_of_the_worst_case(tmp_path):
         area = f["net/tributary_area"][:]
         sunk = [f[f"cases/{side}/displacement"][:, 2] < -0.85 for side in ("west", "east")]
     shares = [area[rows].sum() / area.sum() for rows in sunk]
-    assert (
-        outcomes["sunk_area"] == max(shares) < area[sunk[0] | sunk[1]].sum() / area.sum()
-        and min(shares) > 0.0
-    )
+    assert outcomes["sunk_area"] == max(shares) < area[sunk[0] | sunk[1]].sum() / area.sum()
+    assert min(shares) > 0.0
 
 
 def test_a_study_prints_the_warnings_of_its_job_and_its_runs(tmp_path):
