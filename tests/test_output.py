@@ -27,7 +27,14 @@ from netfall.exchange.export import export
 from netfall.explicit.history import PROBE_ROWS, History
 from netfall.physics.fields import Features
 from netfall.post.plots import canvas, run
-from netfall.post.plots.canvas import VIEWS, add_labels, open_charts, save, set_figure_title
+from netfall.post.plots.canvas import (
+    VIEWS,
+    add_labels,
+    open_charts,
+    open_space_panels,
+    save,
+    set_figure_title,
+)
 from netfall.post.plots.collapse import collapse, select_snapshots
 from netfall.post.plots.curves import displacements, load_displacement
 from netfall.post.plots.film import FilmView, animate
@@ -670,6 +677,18 @@ def test_each_state_has_its_own_page(storm, tmp_path):
 def test_the_error_of_an_equilibrium_is_not_drawn_as_a_deflection():
     """A deflection of 6e-9 m of a roof of 60 m is such an error; one of 0.1 mm is not."""
     assert [deflection_scale(size, 60.0) for size in (6e-9, 1e-4)] == [1, 20_000]
+
+
+@pytest.mark.parametrize("sizes", [(305.0, 0.0, 66.0), (108.0, 0.0, 13.0)])
+def test_labels_of_axes_in_space_lie_beside_their_ticks(sizes):
+    """A cable with a tie, and one over two pylons, both seen from the front."""
+    figure, panels = open_space_panels(np.array([[0.0, 0.0, 0.0], sizes]) - [24.0, 0.0, 0.0], 2)
+    figure.draw_without_rendering()
+    axis = panels[0].xaxis
+    label = axis.label.get_window_extent()
+    ticks = [tick.label1.get_window_extent() for tick in axis.get_major_ticks() if tick.label1.get_text()]
+    assert len(ticks) > 2 and not any(label.overlaps(tick) for tick in ticks)
+    plt.close(figure)
 
 
 def test_labels_do_not_overlap_and_stay_within_the_picture():

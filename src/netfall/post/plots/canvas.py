@@ -175,15 +175,17 @@ def add_space_axes(
     limits = zip(middle - 0.5 * extent, middle + 0.5 * extent)
     axes.set(**{f"{name}lim": limit for name, limit in zip("xyz", limits)})
     axes.set_box_aspect(extent, zoom=ZOOM * zoom)
-    axes.view_init(*VIEWS["front" if share[1] <= THIN_EXTENT < share[2] else "space"])
+    view = "front" if share[1] <= THIN_EXTENT < share[2] else "space"
+    axes.view_init(*VIEWS[view])
     for k, axis in enumerate((axes.xaxis, axes.yaxis, axes.zaxis)):
         count, (start, end) = max(1, round(5 * share[k])), axis.get_view_interval()
         ticks = [tick for tick in MaxNLocator(count).tick_values(start, end) if start <= tick <= end]
         ticks = ticks if count > 1 else [ticks[0], ticks[-1]]  # three have no room where one interval fits
         axis.set_major_locator(FixedLocator(ticks) if share[k] > THIN_EXTENT else NullLocator())
         axis.set_label_text(f"{'xyz'[k]} [m]" if share[k] > THIN_EXTENT else "")
-        # points; labels also move away with the height, and would reach the next panel
-        axis.labelpad = 4.0 - 8.0 * (share[2] if k < 2 else 1.0)
+        # points; labels also move away with the height, in space so far that they would reach the next panel
+        pad = 3.7 / share[2] if view == "front" else 8.0 - 12.0 * share[2]
+        axis.labelpad = pad if k < 2 else -4.0
     axes.tick_params(labelsize=7, pad=1)
     return axes
 
