@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from conftest import run_on_standing_ranks
+from loaded_nets import loaded_net
 from mpi4py import MPI
 from results import rows_of
 from scipy.optimize import brentq
@@ -370,3 +371,15 @@ def test_targets_and_errors_of_length_that_snap_fail_the_checks(workshop, height
         assert limit == pytest.approx((first - 6.0) / (first - length), abs=2e-3)
     rows = rows_of(workshop.report("result.vtkhdf").folder / "cases.csv")
     assert {row["state"] for row in rows} == {"beyond_limit_point"}
+
+
+def test_a_rope_that_is_slack_but_for_rounding_does_not_snap_through(workshop):
+    """With 2e-8 N before its load of 10 kN the tangent predicts 1e6 m in any direction, which is no jump."""
+    net = loaded_net(25)
+    net.job["load"]["tolerance"] = 1e-7
+    del net.job["case"]
+    for name, rows in net.tables.items():
+        (workshop.folder / name).write_text(rows)
+    job = workshop.job(net.text)
+    told = workshop.printed(job)
+    assert "estimated error" in told and "snaps through" not in told, told

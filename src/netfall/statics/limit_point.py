@@ -181,11 +181,14 @@ class LoadPath:
 
     def _motion(self, x: FloatArray, upper: FloatArray, low: float, high: float) -> _Motion | None:
         """Compare the motion from x to `upper` (n, 3) [m] with predictions; None if a tangent is singular."""
-        state, motion, foreseen = self.state, upper - x, []
+        state, motion, foreseen, is_known = self.state, upper - x, [], []
         for begin, factor, target, sign in ((x, low, high, 1.0), (upper, high, low, -1.0)):
             if (newton := self._predicted(begin, factor, target)) is None:
                 return None
             predicted = newton.spread
+            newton.begin()
+            # a tangent that is singular but for rounded tensions predicts any motion: no sign of a jump
+            is_known.append(newton.largest(predicted[newton.owned])[0] <= newton.extent)
             foreseen.append(np.where(state.free[: len(predicted)] != 0, sign * predicted, motion))
         a, b = state.ends.T
         relative, L = motion[b] - motion[a], state.present_element_state().L
@@ -193,7 +196,7 @@ class LoadPath:
         exceeds, falls_short = ([bool(rows.any()) for rows in each] for each in zip(*missed))
         largest, particle = newton.largest_at(lengths((motion - foreseen[0])[newton.owned]))
         # from a start that is a mechanism the net moves far as its cables become taut
-        jumps = falls_short[0] or (low > 0.0 and falls_short[1])
+        jumps = (falls_short[0] and is_known[0]) or (low > 0.0 and falls_short[1] and is_known[1])
         flags = np.array([any(exceeds), jumps], np.int64)
         newton.comm.Allreduce(MPI.IN_PLACE, flags, MPI.MAX)
         return _Motion(not flags[0], bool(flags[1]), particle, largest)
