@@ -327,7 +327,8 @@ def test_the_colours_show_the_overload_of_one_state(tmp_path):
         over = tension > 200e3 / 1.5
         assert over.any() and not over.all()
         assert ([colour == int(OVERUSED_COLOUR[1:], 16) for colour in tab.run(colours)] == over).all()
-        assert "magenta: above 1" in tab.run("return document.getElementById('legend').textContent")
+        legend = tab.run("return document.getElementById('legend').textContent")
+        assert "by the tension in the middle" in legend and "magenta: above 1" in legend
 
 
 def compare_lines(drawn: dict[str, list], f, step: int) -> None:

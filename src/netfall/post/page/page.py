@@ -168,7 +168,7 @@ def _quantities(
     factor, unit = canvas.unit_of(max((end[1] for end in ends if end), default=0.0), "N")
     choices = [quantity_data("axial force", unit, factor, *ends)]
     if np.isfinite(resistance).any():
-        name = f"utilisation in tension, {check.title.split(':')[0]}"
+        name = f"utilisation by the tension in the middle, {check.title.split(':')[0]}"
         stored = numbers.add(resistance.astype(np.float32))
         choices.append(quantity_data(name, "-", 1.0, (0.0, 1.0), per=stored, over="magenta: above 1"))
     per = numbers.add(EA.astype(np.float32))
