@@ -350,6 +350,8 @@ def test_the_utilisation_of_a_sample_is_that_at_the_ends_of_elements(workshop, m
     high = [high[0] for place, high in zip(envelope.places, envelope.high) if place in places]
     assert sample["utilisation_max"] == pytest.approx(max(high) / 90e3, rel=1e-12)
     assert max(high) > sample["tension_max"] + 0.5 * 10.0 * 200.0 * 9.81
+    breaking = sample["tension_max"] / 90e3 if motion else sample["utilisation_max"]  # the middle breaks
+    assert sample["utilisation_before_break"] == pytest.approx(breaking, rel=1e-12)
 
 
 def test_the_force_at_an_end_has_the_share_of_line_load_and_ice_of_its_load_step(workshop):

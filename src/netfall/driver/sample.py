@@ -45,7 +45,7 @@ class Extremes(NamedTuple):
     """Largest values of a run, on rank 0: over the history rows and at the end, or over all equilibria.
 
     tension, at_end : (m,) [N] in the middle and at the end of elements, as of `loads.start_weights`
-    strain : (m,) the largest strain in tension, force over EA plus plastic strain
+    strain : (m,) the largest strain in tension, force over EA plus plastic strain; in equilibria at the end
     compressed : (m,) the largest shortening, positive; in the dynamic stage at most that at the Euler load
     displacement : (n, 1) [m]; sunk : (n, k) [m] downwards, at the end of the dynamic stage, or in each of the
         equilibria
@@ -121,7 +121,7 @@ class EquilibriumExtremes:
         at_end = snapshot.N + end_weight_rows(self.problem, place, state.x[snapshot.rows], live)
         np.fmax(largest.tension, snapshot.N, out=largest.tension)
         np.fmax(largest.at_end, at_end, out=largest.at_end)
-        np.fmax(largest.strain, elastic_strain(snapshot.N, state.EA) + snapshot.eps_p, out=largest.strain)
+        np.fmax(largest.strain, elastic_strain(at_end, state.EA) + snapshot.eps_p, out=largest.strain)
         np.fmax(largest.compressed, np.where(state.EA > 0.0, -snapshot.eps, 0.0), out=largest.compressed)
         np.maximum(
             largest.displacement, np.sqrt((displacement * displacement).sum(1)), out=largest.displacement
