@@ -422,13 +422,13 @@ def missing_strength_warnings(f: h5py.File, checks: list[Check]) -> list[str]:
 def unchecked_compression_warnings(
     f: h5py.File, envelope: states.Envelope, checked: list[ElementCheck]
 ) -> list[str]:
-    """Return a warning if no check includes compressed bars; those of concrete have a table instead.
+    """Return a warning if no check of compression includes bars; those of concrete have a table instead.
 
     The compression of bending chains is part of their stability, which statics computes.
     """
     compression = np.where((f["net/bar"][:] == 1) & ~is_bending(f) & ~is_concrete(f), -envelope.least, 0.0)
     for one in checked:
-        if one.check.compression or one.check.with_moment:
+        if one.check.compression:
             compression[np.isfinite(one.resistance)] = 0.0
     largest = np.maximum(envelope.most, -envelope.least).max()
     missing, worst = compression > NEGLIGIBLE * largest, int(np.argmax(compression))
