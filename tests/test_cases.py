@@ -9,6 +9,7 @@ from conftest import STEEL
 from nets import LOW_SADDLE
 
 from netfall.core.errors import InputError
+from netfall.driver.check import check_values
 from netfall.exchange.export import export
 from netfall.job.read import read_job
 from netfall.model.layout import make_layout
@@ -252,6 +253,10 @@ def test_a_table_of_one_pressure_is_that_pressure(workshop):
     f = workshop.solve(text)
     for name in ("plan", "space"):
         assert apart(f[f"cases/{name}"], f["cases/plain"]) <= TOLERANCE
+    values = check_values(read_job(workshop.folder / "job.toml"), [])
+    assert [each["table"] for each in values["load_tables"]] == ["plan.csv", "space.csv"]
+    for each in values["load_tables"]:
+        assert each["resultant"][2] == pytest.approx(340.0 * values["plan_area"], rel=1e-12)
 
 
 def test_springs_carry_their_share_of_a_factor_of_the_prestress(workshop):

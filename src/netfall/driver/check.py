@@ -26,6 +26,7 @@ from netfall.job.job import Job
 from netfall.job.keys.entries import apply_settings
 from netfall.job.keys.models import Load
 from netfall.loads.loads import dead_load, live_load
+from netfall.model.actions import pressure_table_forces
 from netfall.model.layout import Layout
 from netfall.model.schedule import describe_steps
 from netfall.parallel.mpi import MPI
@@ -212,6 +213,9 @@ def _resultants(problem: Problem) -> Iterator[tuple[str, str, np.ndarray]]:
             load = apply_settings(Load(self_weight=False), "load", zone_values(job.path.parent / name, {}))
             force = live_load(load, model.roof, np.zeros_like(model.x)) + dead_load(load, model.roof)
         yield place, name, force.sum(0)
+    for case in job.cases:
+        if case.pressure_table is not None:
+            yield f"[[case]] {case.name}", case.pressure_table, pressure_table_forces(model, case).sum(0)
 
 
 def run_time_parts(problem: Problem) -> tuple[dict[str, float], str]:

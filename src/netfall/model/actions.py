@@ -132,10 +132,16 @@ def _case_pressure_forces(model: Model, case: Case, load: Load) -> np.ndarray | 
         drag = drag_areas(model.roof, inputs.wind, load)
         force = inputs.wind.pressure_factor * (wind_force_area(inputs.wind, model.roof, drag) * square)
     if inputs.points is not None:
-        corner, weight = point_weights(model.x, inputs.points, inputs.points.shape[1])
-        pressure = (weight * inputs.pressure[corner]).sum(1)
-        force = (0.0 if force is None else force) - pressure[:, None] * model.roof.vector
+        force = (0.0 if force is None else force) + pressure_table_forces(model, case)
     return force
+
+
+def pressure_table_forces(model: Model, case: Case) -> np.ndarray:
+    """Compute the forces (n, 3) [N] of the pressure table of a case."""
+    inputs = model.layout.cases[case.name]
+    corner, weight = point_weights(model.x, inputs.points, inputs.points.shape[1])
+    pressure = (weight * inputs.pressure[corner]).sum(1)
+    return -pressure[:, None] * model.roof.vector
 
 
 def _settled_spring_rest(
