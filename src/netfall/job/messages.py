@@ -5,7 +5,7 @@ from netfall.core.messages import Message
 # files
 UNREADABLE_JOB = Message("E101", "{path}: {reason}. Give the path of a {kind} file.")
 NOT_TEXT = Message(
-    "E102", "{path}: not a text file (byte {byte} is not UTF-8). Give the path of a {kind} file in TOML."
+    "E102", "{path}: line {line}: not text in UTF-8. Give a {kind} file in TOML, saved as UTF-8."
 )
 INVALID_TOML = Message(
     "E103",
