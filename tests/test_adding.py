@@ -32,7 +32,7 @@ def test_the_diff_of_a_page_applies(page):
 
 
 def test_a_field_takes_its_values_from_a_key_of_cable(workshop):
-    """It is there if the job gives the key, with the values of the groups, and 0 for those without one."""
+    """The field exists if the job has the key, with the values of the groups, and 0 for others."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n"
     text = f"{STEEL}[group.soft]\nfracture_strain = 0.1\n"
     job = read_job(workshop.job(text, nodes, "start,end,group\n1,2,soft\n2,3,hard\n"))

@@ -207,7 +207,7 @@ def test_a_given_area_of_a_ridge_has_the_slope_of_each_side(workshop):
 
 
 def test_the_result_has_vector_areas(workshop):
-    """They sum to the outline, also in Python. Dead load uses the surface."""
+    """Vector areas sum to the outline, also in Python. Dead load uses the surface."""
     text = SOFT + "[load]\nself_weight = false\ndead = 8.0\npressure = 10.0\nsteps = 1\n"
     with workshop.solve(text, *dome_tables(0.1)) as f:
         vector, surface = f["net/vector_area"][:], f["net/tributary_area"][:]
@@ -525,7 +525,7 @@ LOOSE = "nothing connects the ring of nodes (5, 6, 7, 8) to the face of the roof
 
 
 def test_an_unconnected_ring_is_refused(workshop):
-    """It lies below the roof, inside a face in plan. It is allowed if connected, or not part of the roof."""
+    """The ring lies below the roof, inside a face in plan. A connected one, or one off the roof, is allowed."""
     low = "".join(
         line.replace(",0,", ",-2,") if line[:1] in "5678" else line for line in RINGS.splitlines(True)
     )

@@ -118,7 +118,7 @@ def test_bending_forces_are_the_derivative_of_the_energy_and_balance(crooked):
 
 
 def test_the_tangent_is_the_derivative_of_the_forces(crooked):
-    """It is symmetric, its part without moments is positive, and the bound of each particle holds."""
+    """The tangent is symmetric, its part without moments positive, and the bound of each particle holds."""
     x, joints = crooked
     whole, positive = (dense(joints, K, 7) for K in tangents(x, joints))
     tangent = -differences(lambda x: forces(x, joints).ravel(), x)
@@ -445,7 +445,7 @@ def test_a_ring_bends_as_spokes_break(torn):
 
 
 def test_the_report_has_moments_of_the_dynamic_stage(torn, shared_workshop):
-    """They are larger than the static ones everywhere in the torn ring."""
+    """Dynamic moments exceed the static ones everywhere in the torn ring."""
     rows = shared_workshop.report("torn.vtkhdf", "of_torn").rows("elements")[:24]
     most = torn[1]["envelope/bending_moment_max"][:24].tolist()
     assert [float(row["bending_moment_max"]) for row in rows] == pytest.approx(most)

@@ -276,7 +276,7 @@ def falls(limit, strain):
     ],
 )
 def test_a_post_breaks_in_compression(workshop, keys, limit, strain, heat):
-    """It breaks at its strain after buckling or yielding, or at its force: the time, and the plastic work."""
+    """Breaks at a strain after buckling or yielding, or at a force, have the right time and plastic work."""
     _, f = dropped(workshop, keys)
     assert f["events/time"][0] == pytest.approx(falls(limit, strain), rel=2e-3)
     assert f["events/strain"][0] == pytest.approx(-strain, rel=5e-3)

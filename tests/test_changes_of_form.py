@@ -346,7 +346,7 @@ def test_asymmetric_results_of_symmetric_removals_are_named(capsys):
 
 
 def test_a_removal_with_further_fractures_has_no_factor_in_the_chart():
-    """There is a dot for the removal without fractures. The other has a text with the reason."""
+    """The chart has a dot for the removal without fractures, and a text with the reason for the other."""
     from netfall.post.plots.study.maps import removal_chart
 
     samples = {
@@ -400,7 +400,7 @@ def test_gusts_keep_their_variance_between_control_points():
 
 
 def test_a_rank_may_be_one_exchange_ahead():
-    """It fills its second buffer while its stopped neighbour has not yet read the first."""
+    """A rank fills its second buffer while its stopped neighbour has not yet read the first."""
     numbers, none = np.zeros(64), np.zeros(0, np.uint32)
     address = numbers.ctypes.data
     ahead, behind = (

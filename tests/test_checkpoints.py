@@ -91,7 +91,7 @@ def test_a_damaged_part_of_the_result_is_refused_at_the_start(workshop):
 
 @pytest.mark.parametrize("name", ["r[12].vtkhdf", "r*.vtkhdf", "r?.vtkhdf"])
 def test_a_name_with_wildcards_does_not_match_another_run(workshop, name):
-    """It writes checkpoints, segments and its result. A stopped run r1 next to it can be resumed."""
+    """The run writes checkpoints, segments and its result. A stopped run r1 next to it can be resumed."""
     job = tiny_job(workshop, 0.006, "checkpoint_interval = 0.001\n")
     workshop.run(job, *AT_ONCE, output="r1.vtkhdf", code=4)
     before = {path: path.read_bytes() for path in workshop.folder.iterdir() if "r1." in path.name}

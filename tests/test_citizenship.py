@@ -365,7 +365,7 @@ def leave_only(monkeypatch, variables: dict) -> None:
 
 
 def test_ranks_that_srun_starts_from_its_shell_are_counted(finished):
-    """They also have the variables of the shell; their rank shows that srun started them."""
+    """Such ranks also have the variables of the shell; their rank shows that srun started them."""
     words = f"SLURM_TASK_PID=$$ exec {BIN / 'netfall'} run job.toml -o task.vtkhdf"
     done = run_process("sh", "-c", words, environment=ENVIRONMENT | SHELL, cwd=finished, code=2)
     assert done.stderr.count("the launcher started 8 processes") == 1
@@ -443,7 +443,7 @@ def test_a_link_is_followed(finished, tmp_path, ranks, exists):
 
 @pytest.mark.parametrize("words", ["export job.vtkhdf -o link.vtu", "view job.vtkhdf -o link.html"])
 def test_files_made_from_a_result_follow_a_link(finished, tmp_path, words):
-    """They follow it like results; studies: test_studies_start_their_own_ranks."""
+    """Exports and reports follow links like results; studies: test_studies_start_their_own_ranks."""
     if words.startswith("view"):
         pytest.importorskip("k3d")
     name = words.split()[-1]

@@ -152,7 +152,7 @@ def test_the_run_ends_at_its_duration_for_any_history_interval(history, rows):
 
 @pytest.mark.parametrize("limit, breaks, stride", [(1e-3, False, 1), (1e-3, True, 3), (2e-4, True, 5)])
 def test_the_step_of_elements_that_break(limit, breaks, stride):
-    """It is that of fragments and at most a third of the long step, which does not depend on them."""
+    """The step is that of fragments and at most a third of the long step, which does not depend on them."""
     dynamics = SimpleNamespace(time_step="auto", safety=0.8, duration=0.1)
     output = SimpleNamespace(history_interval=0.01, frames=4, checkpoint_interval=0.0)
     made = make_schedule(limit, 1e-3, breaks, dynamics, output)

@@ -351,7 +351,7 @@ def test_a_pause_while_an_error_is_estimated_changes_no_bit(monkeypatch):
 
 @pytest.mark.parametrize("corrections", [2, 5, 8])
 def test_a_run_can_be_interrupted_in_its_equilibria(workshop, corrections):
-    """It stops between two corrections in one of three load steps. The resumed run has the same bits."""
+    """The run stops between two corrections in one of three load steps. The resumed run has the same bits."""
     text = SADDLE.format(cells=24, cable="", pressure=[0.0, 0.0, 0.3 * AREA_LOAD])
     job = workshop.job(text.replace("steps = 2", "steps = 3"))
     x = Statics(job).find()

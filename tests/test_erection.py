@@ -113,7 +113,7 @@ PULLED_TAUT = stage("pulled", lengths="{right = {force = 300.0}}")
 
 
 def test_a_slack_cable_is_pulled_to_a_force(workshop):
-    """It sags in an arc at first. A stay that is installed later begins to act."""
+    """The cable sags in an arc at first. A stay that is installed later begins to act."""
     stages = SLACK.replace("lengths", 'active = ["left", "right"]\nlengths')
     with workshop.solve(CABLES + stages + PULLED_TAUT, NODES, TWO) as f:
         assert f["stages/slack/tension"][:] == pytest.approx([WEIGHT, 0.0], rel=FOUND)  # upright on one cable
@@ -313,7 +313,7 @@ def test_a_start_under_the_loads_of_the_last_stage_is_in_equilibrium(workshop):
     ],
 )
 def test_loads_that_end_with_the_last_stage_are_a_warning(workshop, last, load, keys):
-    """Those that differ from [load] count. A load that an earlier stage removes, or a table, does not."""
+    """Loads that differ from [load] count. A load that an earlier stage removes, or a table, does not."""
     (workshop.folder / "t.csv").write_text("node,load_z\n3,-100.0\n")
     first = stage("rope", set='{"load.dead" = 0.0}', load_table='"t.csv"') + stage("roof", **last)
     job = workshop.job(f"{CABLES}[load]\n{load}{first}", ROOFED, TWO)
@@ -499,7 +499,7 @@ MOVED, PULLED, STIFF = 1e-3, 5e4, 1e8  # m, N, N
 
 
 def test_clamps_are_open_and_closed_in_stages(workshop):
-    """By hand: the forces that closed clamps hold, lengths that pass open ones, and a jack."""
+    """Forces of closed clamps, lengths that pass open ones, and a jack agree with hand calculations."""
     job = workshop.job(*drawn_in())
     f = workshop.run(job)
     passed = -MOVED / (2.0 + MOVED)  # 1 - s over 1 + s is 1 + d
@@ -561,7 +561,7 @@ WITH_FORM = (  # its pause is not in its form
     "net, looks", [(TWO_CABLES, 1), (TWO_CABLES, 12), (TWO_CABLES, 25), (drawn_in(), 6), (WITH_FORM, 4)]
 )
 def test_a_paused_erection_resumes_at_its_stage(workshop, net, looks):
-    """It has the bits of an erection without pause; statics follow."""
+    """The result has the bits of an erection without pause; statics follow."""
     job = workshop.job(*net)
     whole = workshop.run(job, output="whole.vtkhdf")
     checkpoint, message = workshop.pause(job, looks)
@@ -578,7 +578,7 @@ def test_a_paused_erection_resumes_at_its_stage(workshop, net, looks):
     ],
 )
 def test_a_stage_without_equilibrium_leaves_a_file(workshop, cable, load, keys, words, factor, elements):
-    """It has the earlier stages, the reason and the elements. Exit code 3; no later stage runs."""
+    """The file has the earlier stages, the reason and the elements. Exit code 3; no later stage runs."""
     text = CABLES + cable + f"[load]\nself_weight = false\nsteps = 1\n{load}" + stage("good", hold="[3]")
     text += stage("bad", release="[3]", **keys) + stage("never")
     done = workshop.solve(text, NODES, TWO, ranks=2, code=3)
@@ -667,7 +667,7 @@ def test_length_errors_and_forces_of_a_roof_agree(workshop):
 
 
 def test_a_given_geometry_with_targets_has_a_form(workshop):
-    """It is in equilibrium as the file states, and displacements count from it."""
+    """The form is in equilibrium as the file states, and displacements count from it."""
     text = CABLES + target(2e4) + "[load]\nself_weight = false\nsteps = 1\n"
     with workshop.solve(text, *STAYED) as f:
         x, N = start_position(f), f["form_finding/tension"][:]
@@ -679,7 +679,7 @@ def test_a_given_geometry_with_targets_has_a_form(workshop):
 
 
 def test_targets_that_are_not_reached_leave_a_file(workshop):
-    """It has the nearest form and the reason. Exit code 3; no later stage runs."""
+    """The file has the nearest form and the reason. Exit code 3; no later stage runs."""
     text = CABLES + target(-10.0) + "[load]\nself_weight = false\nsteps = 1\n"
     assert "not reached in" in workshop.solve(text + stage("s"), *STAYED, ranks=2, code=3).stderr
     with workshop.open() as f:
@@ -737,7 +737,7 @@ SCATTERED = CABLES + 'length_std = {}\n[form_finding]\nmethod = "given_geometry"
 
 
 def test_errors_of_length_without_equilibrium_leave_a_file(workshop):
-    """It has their scatter and the reason. Exit code 3; no later stage runs."""
+    """The file has their scatter and the reason. Exit code 3; no later stage runs."""
     text = SCATTERED.format("0.2\nlength_seed = 3\nyield_stress = 2.2e7")
     text += "[load]\nself_weight = false\nsteps = 1\n" + stage("never")
     done = workshop.solve(text, *line_of_three(), ranks=2, code=3)
@@ -868,7 +868,7 @@ def test_errors_of_length_of_a_net_as_given_leave_it_out_of_balance(workshop):
 
 
 def test_samples_that_differ_by_their_errors_share_the_influence_of_errors(workshop, monkeypatch):
-    """It is computed once. Outcomes and files are those of single runs."""
+    """The influence is computed once. Outcomes and files are those of single runs."""
     text = SCATTERED.format(0.002) + "[load]\nself_weight = true\n"
     job, shared, texts, count = workshop.job(text, *line_of_three()), ResultCache(2), [], []
     compute = tension._influence

@@ -324,7 +324,7 @@ def test_a_face_that_form_finding_turned_over_is_a_warning(tmp_path):
 
 
 def test_a_form_with_permanent_load_runs_again_without_a_warning_of_its_balance(tmp_path):
-    """It is in equilibrium under that load, not without it; a given net without balance has the warning."""
+    """The form is in equilibrium under that load only; a given net without balance has the warning."""
     nodes = np.array([[0.0, 0.0, 0.0], [5.0, 0.0, -2.0], [10.0, 0.0, 0.0]])
     net = {"nodes": nodes, "elements": [[0, 1], [1, 2]], "fixed": np.array([True, False, True])}
     net["element_columns"] = {"prestress": [2e4, 2e4]}

@@ -158,7 +158,7 @@ def test_a_slack_cable_returns_the_energy_of_an_impact(phase, least, most):
 
 
 def test_short_edge_cables_have_the_right_strains(workshop):
-    """They are slack and taut many times, and have the strains of a quarter of the step at "auto"."""
+    """The cables go slack and taut many times; strains are those of a quarter of the step at "auto"."""
     text = (ROOT / "jobs" / "stadium_paper.toml").read_text()
     lines = text.splitlines(keepends=True)
     job = workshop.job("".join(line for line in lines if not line.startswith("checkpoint_interval")))
@@ -266,7 +266,7 @@ def test_all_elements_break_in_the_same_step(workshop, ranks):
 
 
 def test_a_chain_of_100000_elements(workshop):
-    """It is pulled at its end for 200 steps on two ranks; the wave has its speed."""
+    """The chain is pulled at its end for 200 steps on two ranks; the wave has its speed."""
     m = 100_000
     nodes, elements = chain([1.0] * m, [1.95e11] * m, [0.0] * (m + 1), 1e5)
     c = np.sqrt(E / 7850.0)

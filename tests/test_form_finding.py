@@ -134,7 +134,7 @@ def test_nodes_that_coincide_at_constant_tension_are_named(workshop):
 
 
 def test_nodes_within_straight_cables_at_constant_tension(workshop):
-    """They are free along the cable. Relaxation moves them together, Newton's method keeps them apart."""
+    """Such nodes move along the cable. Relaxation moves them together, Newton's method does not."""
     cells, at = 40, {}
     for i in range(2 * cells + 1):
         for j in range(2 * cells + 1):

@@ -35,7 +35,7 @@ def test_an_element_with_an_end_without_mass_breaks_without_splitting(workshop):
 
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_a_load_without_mass_ends_with_the_last_element(workshop, ranks):
-    """It does not stretch the broken element without end, and pull on 1000 kg with its strength."""
+    """The load does not stretch the broken element without end, and pull on 1000 kg with its strength."""
     nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,3,1,0,0\n2,0,0,2,0,1000,0\n3,0,0,0,0,0,-400000\n"
     f = workshop.solve(BRITTLE + DYNAMICS.format(0.1, 5), nodes, "start,end\n1,2\n2,3\n", ranks=ranks)
     assert f["events/particle"][:].tolist() == [2] and f["events/new_particle"][:].tolist() == [6]

@@ -262,7 +262,7 @@ def test_a_narrower_band_needs_quadratically_more_samples():
 
 
 def test_rank_correlation_of_a_known_case():
-    """By hand: 1 - 6 sum d^2 / (n (n^2 - 1)) with d = 2 0 -2 2 0 -2 1 -1. nan and inf do not count."""
+    """1 - 6 sum d^2 / (n (n^2 - 1)) with d = 2 0 -2 2 0 -2 1 -1 by hand. nan and inf do not count."""
     x = np.array([1.0, 2, 3, 4, 5, 6, 7, 8, np.nan])
     y = np.array([3.0, 2, 1, 6, 5, 4, 8, 7, 1.0])
     one = np.arange(9)

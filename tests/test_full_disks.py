@@ -94,7 +94,7 @@ def without_room(done, *words) -> str:
     ],
 )
 def test_a_run_ends_when_the_disk_is_full(disk, workshop, ranks, left):
-    """There is no result and no partial file. With space it resumes from its checkpoint with equal bits."""
+    """There is no result and no partial file. With space the run resumes with equal bits."""
     job, refusals = workshop.job(SHORT), []
     for kilobytes in left:
         disk.leave(kilobytes)

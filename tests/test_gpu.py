@@ -190,7 +190,7 @@ def test_a_net_that_does_not_fit_the_device_is_refused_or_runs_on_the_cpu(tmp_pa
 
 
 def test_a_gpu_gives_no_times_of_parts_of_a_step(tmp_path):
-    """It does not measure them: they were zero."""
+    """A GPU does not measure them: they were zero."""
     (tmp_path / "job.toml").write_text(JOB)
     for device in ("cpu", "gpu"):
         run_process(

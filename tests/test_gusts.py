@@ -256,7 +256,7 @@ def uneven_facade():
 @pytest.mark.parametrize("net", [uneven_saddle, uneven_facade])
 @pytest.mark.parametrize("gusts", ["area_mean", "point"])
 def test_gusts_do_not_depend_on_the_order_of_nodes(net, gusts):
-    """They do not depend on nodes without wind either. Points of a mirror image are mirror images."""
+    """Nodes without wind have no effect either. Points of a mirror image are mirror images."""
     x, vector = net()
     wind = gusty(speed=30.0, gust_field=gusts)
     one, order = make_wind_field(x, vector, wind), np.random.default_rng(1).permutation(len(x))
@@ -492,7 +492,7 @@ def test_the_largest_decay_does_not_divide_by_zero():
 
 
 def test_the_error_of_the_coherence_is_that_by_hand():
-    """It is 0 if each node has its own point. For one gust it is 1 minus the correlation, by hand."""
+    """The error is 0 if each node has its own point. For one gust it is 1 minus the correlation, by hand."""
     x = np.array([[0.0, 15.0 * k, 12.0 * j] for k in range(3) for j in range(3)])
     vector = np.tile([4.0, 0.0, 0.0], (9, 1))
     slow = {"speed": 30.0, "gust_field": "point", "profile_exponent": 0.0, "time_step": 0.5}

@@ -337,7 +337,7 @@ def test_errors_in_these_sections_are_named(tmp_path, text, message):
 
 
 def test_limits_of_outcomes_take_units():
-    """They take the units of lengths and forces of a job; a number is in SI units."""
+    """Limits have the units of lengths and forces of a job; a number is in SI units."""
     limits = {"displacement_max": "1.2 mm", "tension_max": "80 kN", "utilisation_max": 0.5}
     entries = [{"name": name, "outcome": name, "limit": limit} for name, limit in limits.items()]
     criteria = failure_sections(entries, False, check := Validator("", []))

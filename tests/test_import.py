@@ -304,7 +304,7 @@ def test_the_frame_of_a_fitted_polyline_is_not_a_cable(tmp_path):
 
 
 def test_references_without_entities_are_named(tmp_path):
-    """They refer to another file, a missing block, or their own block. Clipped references are read whole."""
+    """References are to another file, a missing or their own block. Clipped ones are read whole."""
     sketch = Sketch("m")
     sketch.document.add_xref_def("steel/ring.dwg", "ring")
     blocks = {name: sketch.document.blocks.new(name) for name in ("gone", "outer", "own", "cut")}
@@ -621,7 +621,7 @@ def hung_deck(s):
 
 @pytest.mark.parametrize("draw, bars, cables", [(facade, [], ["upright"]), (hung_deck, ["mast"], ["hanger"])])
 def test_vertical_cables_are_not_bars(tmp_path, draw, bars, cables):
-    """Those of a facade, and hangers. Only a mast, drawn in two parts, carries its top by compression."""
+    """Vertical cables of a facade and hangers. Only a mast, in two parts, carries compression."""
     sketch = Sketch("m")
     for place in draw(sketch):
         sketch.space.add_point(sketch.at(*place), dxfattribs={"layer": "held"})

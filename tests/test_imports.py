@@ -181,7 +181,7 @@ ALL_PACKAGES = sorted({name.rpartition(".")[0] for name in MODULES} - {""})
 
 @pytest.mark.parametrize("package", ALL_PACKAGES)
 def test_a_package_is_small_and_flat(package):
-    """It has few files, and its longest chain of imports is short."""
+    """A package has few files, and its longest chain of imports is short."""
     files = files_of(package)
     within_room = {name: [one[1:] for one in imports(name) if one[1:] in files] for name in files}
 

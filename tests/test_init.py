@@ -26,7 +26,7 @@ from netfall.post.plots.net import select_cables
 
 
 def test_the_first_job_is_valid_and_names_every_key(tmp_path):
-    """It passes the check unchanged. Each key is present, and an uncommented section is read."""
+    """The job passes the check unchanged. Each key is present, and an uncommented section is read."""
     path = tmp_path / "roof.toml"
     path.write_text(new_job(path))
     lines = []
@@ -134,7 +134,7 @@ def test_the_picture_of_a_large_net_shows_every_kth_cable(tmp_path):
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_each_example_is_short_and_runs(tmp_path, name):
-    """It needs no other file, and editors find its schema next to it. A collapse warns of yield alone."""
+    """An example needs no other file; editors find its schema next to it. A collapse warns only of yield."""
     run_on_standing_ranks("init", "--example", name, cwd=tmp_path)
     text = (tmp_path / f"{name}.toml").read_text()
     assert len([line for line in text.splitlines() if line and not line.startswith("#")]) <= 40

@@ -42,7 +42,7 @@ def limit_rows(folder, result="dead.vtkhdf") -> list[tuple[str, ...]]:
 
 
 def test_displacements_are_given_from_the_form_and_from_the_permanent_state(dead):
-    """By hand for three cables under 50 kN, and under 50 kN with the snow of each combination."""
+    """Three cables carry 50 kN, and 50 kN with the snow of each combination, by hand."""
     folder = report_of(dead, "dead.vtkhdf")
     moved, cases = rows_of(folder / "displacements.csv"), rows_of(folder / "cases.csv")
     for name in SHARES:

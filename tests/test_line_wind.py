@@ -344,7 +344,7 @@ SQUARE = (  # a roof of four triangles
 
 
 def test_pressures_at_taps_leave_cables_without_wind(workshop):
-    """There is a warning. The roof has its pressures, the cables have only ice."""
+    """The roof has its pressures, the cables have only ice, and netfall warns."""
     (workshop.folder / "taps.csv").write_text("name,x,y\na,5,5\n")
     (workshop.folder / "pressures.csv").write_text("time,a\n0,300\n1,300\n")
     text = STEEL + "diameter = 0.03\n[load]\nice = 0.01\n" + '[wind]\npressures = "pressures.csv"\n'

@@ -128,7 +128,7 @@ def test_rows_of_zones_equal_values_of_set(workshop):
 
 
 def test_tables_of_stages_apply_until_another_one(workshop):
-    """By hand: 1 kN, still 1 kN, 75 N, none; then a case, without the loads of stages."""
+    """The loads are 1 kN, still 1 kN, 75 N, none; then a case, without the loads of stages."""
     (workshop.folder / "rig.csv").write_text("node,load_z\n2,-1000\n")
     (workshop.folder / "line.csv").write_text("element,line_z\n7,-20\n9,-10\n")
     names = {"rigged": 1000.0, "still": 1000.0, "iced": 75.0, "bare": 0.0, "half": 50.0}
@@ -167,7 +167,7 @@ MOVES += "[output]\nhistory_interval = 0.01\nframes = 4\ncheckpoint_interval = 0
 
 
 def test_a_load_table_has_equal_bits_on_ranks_and_after_a_restart(workshop):
-    """It acts suddenly without a static stage."""
+    """The table acts suddenly without a static stage."""
     (workshop.folder / "rig.csv").write_text(RIG)
     job = workshop.job(MOVES)
     one = workshop.run(job)

@@ -208,7 +208,7 @@ def test_every_step_equals_the_plain_one(torn):
 
 @pytest.mark.parametrize("after, fragments", [("all", True), ("none", False)])
 def test_options_of_the_wind_equal_the_plain_ones(workshop, after, fragments):
-    """It ends with the first fracture, or never; broken elements are removed."""
+    """The wind ends with the first fracture, or never; broken elements are removed."""
     plain = plain_of(make_tables())
     plain.after, plain.fragments = after, fragments
     text = JOB.format(after=after).replace("[dynamics]", f"[dynamics]\nfragments = {str(fragments).lower()}")
@@ -223,7 +223,7 @@ def test_options_of_the_wind_equal_the_plain_ones(workshop, after, fragments):
 
 
 def test_detached_parts_have_the_drag_of_the_plain_step(workshop):
-    """They have drag instead of pressure: positions, velocities and energies to rounding."""
+    """Detached parts have drag instead of pressure: positions, velocities and energies to rounding."""
     plain = plain_of(make_tables())
     plain.after, plain.eps_u = "detached", np.where(plain.bar, BRITTLE, WEAKER)
     plain.speed = SPEEDS * (1.0, FASTER)
@@ -305,7 +305,7 @@ THREE = "id,x,y,z,fixed,load_y\n0,-5,0,0,1,0\n1,0,0,0,0,2e4\n2,5,0,0,1,0\n"
 
 @pytest.mark.parametrize("owners", ["001", "110"])
 def test_a_node_that_separates_on_two_ranks_is_separate_on_both(workshop, owners):
-    """It loses one cable within its rank, then the one across the cut.
+    """The node loses one cable within its rank, then the one across the cut.
 
     Both break at the node: 20 kN across them against 2 and 5 kN in them. For either rank the second one takes
     the rest of the mass along, and the load ends.

@@ -10,7 +10,7 @@ TINY = JOB.replace("16.2", "0.001")
 
 
 def test_a_long_title_is_printed_and_drawn(workshop):
-    """It is longer than an attribute of the result file can be. info prints all, plot a part of it."""
+    """The title is longer than an attribute of the result file can be. info prints all, plot a part of it."""
     title = "A roof " * 40
     result = workshop.solve(TINY, NODES, ELEMENTS, "--set", f'title="{title}"').filename
     assert title in run_on_standing_ranks("info", result).stdout
@@ -78,7 +78,7 @@ def test_a_file_is_refused_as_a_folder_for_pictures(workshop, verb):
 
 
 def test_an_animation_of_one_case_is_refused(workshop):
-    """It shows all states, so the option would have no effect."""
+    """An animation shows all states, so the option would have no effect."""
     job = workshop.job(TINY, NODES, ELEMENTS)
     assert "--case snow: an animation shows all states" in refused("plot", job, "--animate", "--case", "snow")
 
@@ -121,7 +121,7 @@ def test_a_probe_far_from_the_net_is_named(workshop):
 
 
 def test_a_step_longer_than_the_duration_is_refused(workshop):
-    """It would be one step to a later time."""
+    """The run would be one step to a later time."""
     job = workshop.job(TINY, NODES, ELEMENTS)
     values = ("--set", "dynamics.duration=5e-7")
     line = refused("run", job, "-o", workshop.folder / "result.vtkhdf", *values)

@@ -190,7 +190,7 @@ def test_a_support_that_settles_ends_as_a_net_built_so(workshop):
 
 
 def test_a_pulse_travels_along_a_string_and_a_wave_over_its_supports(workshop):
-    """It arrives at x after x / c, c = sqrt(N / mass per metre), and from end to end at the wave's speed."""
+    """The pulse is at x after x / c, c = sqrt(N / mass per metre); the wave travels at its own speed."""
     n, N, mass, span = 240, 100e3, 2 * HALF, 60.0
     c = np.sqrt(N / mass)
     nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{0.25 * k},0,0,{int(k in (0, n))}\n" for k in range(n + 1))

@@ -336,7 +336,7 @@ def test_a_pause_in_the_search_changes_no_bit(workshop, looks, ranks):
 
 
 def test_permanent_loads_above_the_limit_state_the_share_carried(workshop):
-    """They have no load factor. Cables with a yield force of 0.2 kN hang under their own weight."""
+    """Permanent loads have no load factor. Cables that yield at 0.2 kN hang under their own weight."""
     text = PLASTIC.replace("1e9", "2e5").replace("self_weight = false", "self_weight = true")
     done = workshop.solve(text.format(steps=1), nodes(0.0), ENDS, code=3)
     weight = 7850.0 * 1e-3 * np.hypot(SUPPORTS, SAG) * 9.80665  # half of each cable at the node

@@ -462,7 +462,7 @@ def test_the_expected_run_time_includes_the_start(name):
 
 
 def test_check_names_the_fastest_number_of_ranks(workshop):
-    """It follows from the size of the net and the time of steps. A run on more ranks prints one note."""
+    """The number follows from net size and time of steps. A run on more ranks prints one note."""
     schedule = SimpleNamespace(steps=10**6, stride=1)
     scene = lambda m, ranks=2: SimpleNamespace(
         schedule=schedule, distribution=SimpleNamespace(m=m), comm=SimpleNamespace(size=ranks)
@@ -577,7 +577,7 @@ def test_of_many_cases_the_governing_ones_are_drawn():
 
 
 def test_progress_is_plain_lines_without_a_terminal(workshop):
-    """There is no bar, although mpirun gives each rank a terminal. --quiet prints nothing."""
+    """Progress has no bar, although mpirun gives each rank a terminal. --quiet prints nothing."""
     job = workshop.job(STILL + "[dynamics]\nduration = 0.05\n")
     done = run_netfall("run", job, "-o", workshop.folder / "x.vtkhdf", ranks=2)
     assert done.stdout.count("100 %") == 1
@@ -732,7 +732,7 @@ def test_a_run_continues_after_its_output_is_closed(workshop):
 
 
 def test_an_import_writes_its_tables_after_its_output_is_closed(tmp_path):
-    """There is no error of a full disk, and the tables exist; so do the files of export."""
+    """The tables exist without an error of a full disk; so do the files of export."""
     Sketch().net().save(tmp_path / "roof.dxf")
     command = f"{BIN / 'netfall'} import roof.dxf -o roof | true; echo ${{PIPESTATUS[0]}}"
     done = run_process("bash", "-c", command, cwd=tmp_path)

@@ -92,7 +92,7 @@ def broken(workshop):
 
 
 def test_run_info_and_report_name_the_post_and_its_ropes(workshop, broken):
-    """They name the elements and forces of /envelope, beyond the 3000 kN of the ropes."""
+    """All three name the elements and forces of /envelope, beyond the 3000 kN of the ropes."""
     out, result = broken
     with workshop.open() as f:
         most, end = f["envelope/tension_max"][:], f["history/time"][-1]

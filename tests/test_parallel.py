@@ -169,7 +169,7 @@ if "mpi4py.MPI" in sys.modules:
 
 @pytest.mark.parametrize("rank, output", [(None, "1\n"), ("0", "")])
 def test_a_process_without_a_launcher_starts_mpi_by_itself(rank, output):
-    """It restores all settings. A process that a launcher started is left alone."""
+    """The process restores all settings. A process that a launcher started is left alone."""
     environment = {"PMI_RANK": rank} if rank else {}
     assert run_process(sys.executable, "-c", ALONE, environment=ENVIRONMENT | environment).stdout == output
 

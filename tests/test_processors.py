@@ -89,7 +89,7 @@ print("".join(draw(method, 1000, 5, asked).tobytes().hex() for method in methods
 
 
 def test_draws_of_studies_as_on_another_processor():
-    """They are part of a study's digest, because shards on several processors belong together."""
+    """Draws are part of a study's digest, because shards on several processors belong together."""
     command = [sys.executable, "-W", "ignore", "-c", DRAWS]
     here, elsewhere = (
         run_process(*command, environment=os.environ | more, cwd=ROOT).stdout for more in ({}, TOGETHER)

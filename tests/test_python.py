@@ -371,7 +371,7 @@ def test_paths_in_overrides_of_a_dict_are_relative_to_the_working_directory(here
 
 
 def test_a_key_of_a_dict_has_a_value_and_a_file(here):
-    """None is refused with its key, also in an entry; the message of a missing file names the folder."""
+    """None is refused with its key, also in an entry. The message of a missing file names the folder."""
     for wrong, place in (
         ({"load": {"snow": None}}, "[load] snow = None:"),
         ({"title": None}, "title = None:"),

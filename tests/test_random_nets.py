@@ -100,17 +100,17 @@ def test_a_net_with_all_features_has_equal_bits_on_ranks_and_after_a_restart(sce
 @pytest.mark.long
 def test_nets_of_any_features_have_equal_bits_on_ranks_and_after_a_restart():
     """Features are random too. NETFALL_EXAMPLES is their number."""
-    seen, run = Counter(), partial(run_on_standing_ranks, code=None, timeout=3000)
+    counts, run = Counter(), partial(run_on_standing_ranks, code=None, timeout=3000)
 
     @hypothesis.settings(max_examples=EXAMPLES, **QUIET)
     @hypothesis.given(jobs())
     def of_any_scene(drawn):
-        tried(drawn, run, seen)
-        print(dict(seen), flush=True)
+        tried(drawn, run, counts)
+        print(dict(counts), flush=True)
 
     of_any_scene()
-    assert seen["exit code 0"] > 0.7 * EXAMPLES
-    assert min(seen[k] for k in ("broken", "yielded", "slack")) > 3
+    assert counts["exit code 0"] > 0.7 * EXAMPLES
+    assert min(counts[k] for k in ("broken", "yielded", "slack")) > 3
 
 
 def keys_of(job: dict, place: str = "") -> set[str]:

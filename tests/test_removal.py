@@ -99,7 +99,7 @@ def test_a_fading_tension_moves_the_weight_as_in_closed_form(both_ways):
 
 
 def test_a_sudden_removal_doubles_the_static_displacement(both_ways):
-    """By energy the peak is 3/2 W, the static force W, the factor 2. Removed strain energy is dissipated."""
+    """The peak is 3/2 W by energy, the static force W, the factor 2. Removed strain energy is dissipated."""
     steps = 1000
     text = CABLE + dynamics(2 * PERIOD, steps) + entry([0], 0.1 * PERIOD)
     nodes, elements = weights(1)
@@ -194,7 +194,7 @@ def torn(shared_workshop):
 
 
 def test_a_pause_in_the_search_for_the_damaged_equilibrium_changes_no_bit(workshop, monkeypatch):
-    """It falls between two removals, whose equilibria precede the dynamic stage."""
+    """The pause falls between two removals, whose equilibria precede the dynamic stage."""
     stop, losses = SimpleNamespace(is_set=False), []
 
     def pausing(scene, each, *arguments, **options):

@@ -183,7 +183,7 @@ def test_a_wrong_pattern_is_one_line(write, text, line):
 
 
 def test_combinations_may_be_in_one_table(write):
-    """They follow the entries of [[combination]]; kind is a key next to the factors."""
+    """The table follows the entries of [[combination]]; kind is a key next to the factors."""
     text = '[[case]]\nname = "snow"\nset = {"load.snow" = 1.0}\n'
     text += '[[combination]]\nname = "A"\nfactors = {snow = 1.0}\n'
     text += '[combinations]\n"ULS 1" = {permanent = 1.35, snow = 1.5}\nSLS = {kind = "SLS", snow = 1.0}\n'

@@ -107,7 +107,7 @@ def test_an_unknown_key_or_group_of_a_file_of_checks_is_refused(loaded):
 
 
 def test_reactions_balance_the_load(loaded):
-    """By hand 50 and 80 kN act along the cables as given. Under the load the sum is the load."""
+    """The cables have 50 and 80 kN as given, by hand. Under the load the reactions sum to the load."""
     rows = rows_of(report_of(loaded) / "reactions.csv")
     force = {(row["stage"], row["node"]): [float(row[f"force_{axis}"]) for axis in "xyz"] for row in rows}
     given = [force["as given", node] for node in ("1", "2", "3")]
@@ -233,7 +233,7 @@ CASED = ("snow", "much")
 
 
 def test_a_row_for_each_case_and_group_has_its_extremes(snowed):
-    """They are those of the file. Node 5 is in equilibrium under its snow, by hand."""
+    """The extremes are those of the file. Node 5 is in equilibrium under its snow, by hand."""
     states, folder = snowed
     rows = rows_of(folder / "cases.csv")
     assert [(row["case"], row["group"]) for row in rows] == [
@@ -297,7 +297,7 @@ ICED += "[combinations]\nmore = {permanent = 1.35, load = 1.2, ice = 0.5}\nless 
 
 
 def test_the_force_of_a_check_is_that_of_the_end_of_an_element(workshop):
-    """It is that of the foundation: the middle of the element has half of its weight less.
+    """The force is that of the foundation: the middle of the element has half of its weight less.
 
     By hand for `more`: 1.35 x 200 g 10 m + 1.2 (10 kN + ice of 10 mm) + 0.5 (ice of 50 mm - ice of 10 mm).
     """
@@ -316,7 +316,7 @@ def test_the_force_of_a_check_is_that_of_the_end_of_an_element(workshop):
 
 
 def test_the_force_at_an_end_includes_half_of_the_line_load(workshop):
-    """It is that of the foundation, in a stage, a case and combinations, with tables of all of these."""
+    """The force is that of the foundation, in a stage, a case and combinations, with tables of all."""
     for name, line in (("own", -100), ("stage", -300), ("case", -700)):
         (workshop.folder / f"{name}.csv").write_text(f"element,line_z\n1,{line}\n2,{2 * line}\n")
     text = ICED.replace("ice = '10 mm'", "load_table = 'own.csv'")
@@ -544,7 +544,7 @@ def test_clamps_are_marked_along_a_cable_from_either_end():
 
 
 def test_the_page_is_self_contained(snowed):
-    """It refers to no other file. Pictures are those of the folder, the text is that of summary.md."""
+    """The page refers to no other file. Pictures are those of the folder, the text is that of summary.md."""
     page, text = ((snowed[1] / name).read_text() for name in ("report.html", "summary.md"))
     sources = re.findall(r'(?:src|href|url)\s*[=(]\s*"?([^">)]{0,30})', page)
     assert len(sources) == 2 and all(source.startswith("data:image/png;base64,") for source in sources)

@@ -67,7 +67,7 @@ def let_go(workshop, **output) -> Path:
 
 
 def test_the_envelope_includes_motion_between_two_rows(workshop):
-    """It comes down 2 mm, and 1 mm of stretch more than at rest, half a period after the start."""
+    """The weight comes down 2 mm, and 1 mm of stretch more than at rest, half a period after the start."""
     f = workshop.run(let_go(workshop))
     assert len(f["history/time"]) == 2
     envelope = {name: f[f"envelope/{name}"][-1] for name in f["envelope"]}

@@ -403,7 +403,7 @@ def test_slip_does_not_stop_at_the_first_part_of_a_cable(workshop, parts):
 
 @pytest.mark.parametrize("nodes, cables", [("nodes = [2]\n", ["e5"] * 3 + ["e9"]), ("", ["e5"] * 4)])
 def test_a_sliding_cable_continues_over_its_saddles(workshop, nodes, cables):
-    """It turns by 90 degrees at held node 2 and free node 3, and ends at node 4 if nothing slips there."""
+    """The cable turns by 90 degrees at held node 2 and free node 3; it ends at 4 if nothing slips there."""
     at = "id,x,y,z,fixed\n1,0,0,0,1\n2,9,0,0,1\n3,9,0,-6,0\n4,15,0,-6,1\n5,20,0,-6,1\n"
     rows = [(7, 2, 1, "rope", 9), (5, 2, 3, "rope", 6), (6, 3, 4, "rope", 6), (9, 4, 5, "rope", 5)]
     text = f'subdivide = 3\n{rope()}[[slide]]\ngroup = "rope"\n{nodes}'

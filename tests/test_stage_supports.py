@@ -82,7 +82,7 @@ STEPS = [
 
 
 def test_a_factor_of_prestress_after_stages_with_bending_is_refused(workshop):
-    """It would not change the moments of the last stage, so forces would be too small."""
+    """The factor would not change the moments of the last stage, so forces would be too small."""
     text = CABLES + RING + "bending = true\n" + LOAD + stage("free", hold=IN_PLACE)
     for factor, code in ((1.2, 2), (1.0, 0)):
         job = workshop.job(text + f"[combinations]\nmore = {{prestress = {factor}}}\n", *tables(False))

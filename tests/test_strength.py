@@ -311,7 +311,7 @@ def test_random_strengths_break_equally_on_two_ranks(both_ways):
 
 
 def test_a_bar_that_may_yield_before_its_breaking_load_is_refused(workshop):
-    """It may yield in compression, and its strain at the breaking load is then unknown."""
+    """The bar may yield in compression, and its strain at the breaking load is then unknown."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,5,0,0,0\n3,10,0,0,1\n"
     done = workshop.solve(
         '[cable]\nkind = "bar"\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\nyield_stress = 1e8\n'

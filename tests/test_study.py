@@ -229,7 +229,7 @@ def test_reproducible_failures_are_not_repeated(tmp_path):
 
 
 def test_a_stopped_trade_resumes(workshop):
-    """It is killed, then stopped: measured runs are in the journal, and partial results are removed."""
+    """The study is killed, then stopped: measured runs are in the journal, partial results are removed."""
     _, arguments = with_tables(workshop)
     arguments = [str(word) for word in (*arguments, "--repeats", 6)]
     journal, total = workshop.folder / "job_trade.journal", 2 * 6  # of each setting

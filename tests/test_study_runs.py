@@ -104,7 +104,7 @@ def whole(tmp_path_factory):
 
 
 def test_samples_are_the_runs_of_the_job(whole, tmp_path):
-    """They are in order and equal single runs. A wind without an equilibrium is also a row."""
+    """Samples are in order and equal single runs. A wind without an equilibrium is also a row."""
     with h5py.File(whole) as f:
         samples = f["samples"]
         state = samples["state"].asstr()[:].tolist()
@@ -201,7 +201,7 @@ set = {"load.pressure" = -600.0}
 
 
 def test_a_study_of_equilibria_has_the_extremes_of_all_cases(tmp_path):
-    """They equal those of the result files. A case without an equilibrium has failed."""
+    """Extremes equal those of the result files. A case without an equilibrium has failed."""
     (tmp_path / "static.toml").write_text(STATIC)
     study = tmp_path / "cases.toml"
     study.write_text(
@@ -827,7 +827,7 @@ def test_a_wrong_study_file_is_refused_in_one_line(tmp_path, text, line):
 
 
 def test_inputs_in_the_table_of_samples_are_values_for_set(tmp_path):
-    """They must be TOML, not Python (True, False), so that a sample can be repeated from its row."""
+    """Values must be TOML, not Python (True, False), so that a sample can be repeated from its row."""
     plan = read_study_plan(write(tmp_path, OF_STUDY + '[vary]\n"load.self_weight" = [true, false]\n'))
     column = Table(len(plan))._sample_columns(np.arange(2), plan)["load.self_weight"]
     jobs = [read_job(plan.job, [f"load.self_weight={value}"]) for value in column]
@@ -836,7 +836,7 @@ def test_inputs_in_the_table_of_samples_are_values_for_set(tmp_path):
 
 @pytest.mark.parametrize("where", ["vary", "sampling"])
 def test_a_strength_that_each_group_overrides_is_refused(tmp_path, where):
-    """It would change no sample. One that a group lacks may vary."""
+    """Such a strength would change no sample. One that a group lacks may vary."""
     job = Workshop(tmp_path).job(
         STEEL + "breaking_load = 1e6\n[group.a]\nbreaking_load = 1e6\n[load]\nsteps = 1\n",
         "id,x,y,z,fixed,load_z\n1,0,0,0,0,-1000\n2,0,0,10,1,0\n3,0,0,5,1,0\n",

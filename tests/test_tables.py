@@ -278,7 +278,7 @@ def test_the_unit_applies_only_to_coordinates(workshop, unit, metre):
 
 @pytest.mark.parametrize("unit, metre", UNITS)
 def test_unstressed_lengths_in_the_unit_of_the_coordinates_are_refused(workshop, unit, metre):
-    """They are in metres: 1500 for 1.5 m in a file in mm is an error, even if a tenth longer."""
+    """Lengths are in metres: 1500 for 1.5 m in a file in mm is an error, even if a tenth longer."""
     nodes = f"id,x,y,z\n1,0,0,0\n2,{1.5 * metre!r},0,0\n3,{3 * metre!r},0,0\n"
     lengths = lambda per: f"start,end,unstressed_length\n1,2,{1.485 * per!r}\n2,3,{1.65 * per!r}\n"
     wrong = workshop.job(STEEL, nodes, lengths(metre))
@@ -367,7 +367,7 @@ def test_a_flat_net_in_any_plane_has_few_candidates_of_close_pairs(monkeypatch, 
 
 
 def test_a_check_does_not_load_scipys_trees():
-    """They would add a tenth to the time of a start."""
+    """The trees would add a tenth to the time of a start."""
     script = "import sys; from netfall.__main__ import main; main(); print('scipy.spatial' in sys.modules)"
     command = [sys.executable, "-c", script, "check", ROOT / "jobs" / "two_cables.toml"]
     done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=True)

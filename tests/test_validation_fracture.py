@@ -44,7 +44,7 @@ def modes(stiffness, mass):
 
 
 def test_weight_on_a_cable_that_breaks(both_ways, compare):
-    """It breaks at a time in closed form. Then cable and weight fall, and the free end moves."""
+    """The cable breaks at a time in closed form. Then cable and weight fall, and the free end moves."""
     length, weight, limit, dt = 10.0, 98100.0, 1e-3, 2e-5
     nodes = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,{-length},0,{weight / G},{-weight}\n"
     text = (

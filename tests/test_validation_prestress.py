@@ -221,7 +221,7 @@ def levy(shared_workshop):
 
 
 def test_the_self_stress_of_the_levy_dome_is_the_published_one(levy, compare):
-    """It follows from the force of one hoop."""
+    """The self-stress follows from the force of one hoop."""
     f, output, info = levy
     names = f["net/group_names"].asstr()[:]
     assert f["form_finding/self_stress"].shape == (1, 156)

@@ -31,7 +31,7 @@ def of(net, group):
 @pytest.mark.parametrize("hoop_force", [0.0, T])
 @pytest.mark.parametrize("brace_force", [0.0, 8e4])
 def test_every_node_is_in_equilibrium_without_reactions(hoops, hoop_force, brace_force):
-    """Those of the supports too: the wheel carries its prestress in itself."""
+    """Supports have no reactions either: the wheel is self-stressed."""
     net = small(hoops, hoop_force, brace_force)
     rounding = 1e-13 * np.abs(net.prestress).max()  # of the sums
     assert np.abs(pulls(net.x, net.elements, net.prestress)).max() < rounding

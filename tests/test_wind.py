@@ -162,7 +162,7 @@ def test_check_describes_the_gusts(workshop):
 
 
 def test_expected_gust_factor():
-    """It equals that of records with the spectrum's correlation. Davenport's peak factor is too large."""
+    """The factor equals that of records with the same correlation. Davenport's peak factor is too large."""
     speed, sigma, dt = 40.0, 7.2, 0.05
     n = np.linspace(1e-5, 10, 1_000_001)
     S = (x := 30 * n) / (1 + x**2) ** (4 / 3)

@@ -143,8 +143,9 @@ OF_DRIFT = (
 
 
 def test_a_column_gives_shares_of_zones(workshop):
-    """By hand: 100 / 4 + 300 / 4 + 500 / 2 for the first node. Inner nodes have the share that both ends
-    have. A polygon takes the remaining share.
+    """The first node has 100 / 4 + 300 / 4 + 500 / 2 by hand; a polygon takes the remaining share.
+
+    Inner nodes have the share that both ends have.
     """
     job = read_job(workshop.job(STEEL + OF_DRIFT, SHARED, CHAIN), ["net.subdivide=2"])
     net = build_net(job)
@@ -187,7 +188,7 @@ def test_shares_and_cuts_exclude_each_other(workshop):
 
 
 def test_subdivision_continues_the_zones(workshop):
-    """By position in a polygon, by element in groups, in a column if both ends are in the zone."""
+    """Positions count in a polygon, elements in groups, both ends of an element in a column."""
     halves = "net.subdivide=2"
     _, net, zoned = zones(workshop, square("a", 0, 0, 1.5, 0.1), halves)
     assert places(net, zoned, "a") == {(0, 0), (0.5, 0), (1, 0), (1.5, 0)}
@@ -201,7 +202,7 @@ def test_subdivision_continues_the_zones(workshop):
 
 
 def test_values_of_zones_replace_those_of_the_section(workshop):
-    """By node, and as parts with the same value. A zone without a key has the value of the section."""
+    """Values are equal by node and as parts. A zone without a key has the value of the section."""
     text = "[load]\nself_weight = false\n"
     text += "dead = 5.0\n[load.zone.a]\nsnow = 750.0\npressure = [0, 0, -1]\n[load.zone.b]\nsnow = 0.0\n"
     text += square("a", 0, 0, 0.5, 0.5) + square("b", 5, 5, 6, 6)
@@ -447,7 +448,7 @@ def sectors_job(workshop, text=BY_SECTORS, table=SECTORS, *overrides):
     ],
 )
 def test_sectors_are_linear_in_the_direction(workshop, direction, roof, edge):
-    """By hand, for the roof and a zone with a column, also in capital letters, and across 360 degrees."""
+    """The roof and a zone with a column agree with hand calculations, also across 360 degrees."""
     model = model_of(sectors_job(workshop, BY_SECTORS, SECTORS, f"wind.direction={direction}"))
     expected = np.where(model.roof.zones.of_node == 0, edge, roof)
     assert model.layout.pressure_coefficient == pytest.approx(expected, abs=1e-15)  # rounding near 1
@@ -553,7 +554,7 @@ SNOW = "[load]\nself_weight = false\nsteps = 1\n[load.zone.half]\nsnow = 100.0\n
 
 
 def test_snow_on_half_of_a_roof_is_half_of_the_load(workshop):
-    """By whole nodes 12.5 m2 to x = 2.5 and x = 2; cut, the default, 12.5 and 10 m2, with a note."""
+    """Whole nodes give 12.5 m2 to x = 2.5 and x = 2; cut zones (default) 12.5 and 10 m2, with a note."""
     loads = {}
     for edge in (2.5, 2.0):
         for shape in (square, cut, rectangle):
