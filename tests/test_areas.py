@@ -525,7 +525,7 @@ LOOSE = "nothing connects the ring of nodes (5, 6, 7, 8) to the face of the roof
 
 
 def test_an_unconnected_ring_is_refused(workshop):
-    """The ring lies below the roof, inside a face in plan. A connected one, or one off the roof, is allowed."""
+    """The ring lies below the roof, inside a face in plan. Connected or outside the roof it is valid."""
     low = "".join(
         line.replace(",0,", ",-2,") if line[:1] in "5678" else line for line in RINGS.splitlines(True)
     )
