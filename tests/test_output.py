@@ -17,7 +17,7 @@ from conftest import BIN, ENVIRONMENT, ROOT, STEEL, run_netfall, run_on_standing
 from drawings import Sketch
 from kill_runs import changed
 from matplotlib.text import Text
-from nets import MAST, STORM, bare_saddle, mast_and_ring, saddle
+from nets import MAST, STORM, bare_saddle, mast_and_ring, saddle, stage
 from PIL import Image
 
 from netfall.core.errors import InputError
@@ -40,7 +40,7 @@ from netfall.post.plots.curves import displacements, load_displacement
 from netfall.post.plots.film import FilmView, animate
 from netfall.post.plots.force import OF_MOTION, ForceScale, support_edge
 from netfall.post.plots.run import file_suffix, plot_all, plot_state
-from netfall.post.plots.states import _governing, deflection_scale, states
+from netfall.post.plots.states import _governing, deflection_scale, stages, states
 from netfall.post.report.info import info_of_result, print_info
 from netfall.post.report.report import write_report
 from netfall.results.locks import whole
@@ -357,6 +357,28 @@ def test_the_collapse_shows_as_many_dashed_elements_as_are_removed(workshop):
         ]
         assert any(title.startswith("t = 0.1 s: 0 broken") for title in titles)
         assert dashed == told and told[-1] == 2
+
+
+def test_the_stages_explain_the_supports_of_each_of_them(workshop):
+    """The weight is held in the first stage only."""
+    more = stage("held", hold="[3]") + stage("free", release="[3]")
+    with run_of_a_hung_weight(workshop, "mass", "3,0,0,0,0,1,0,-4e3,400", more) as f:
+        legend = stages(f).legends[0]
+        shown = [text.get_text() for text in legend.get_texts()]
+        assert shown == ["supports, 3", "supports, 2"]
+
+
+def test_a_mast_and_its_guys_have_no_edge_through_the_supports(workshop):
+    """Four supports that surround the guys in plan, around no roof."""
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,-2,3.4641016,0,1\n3,-2,-3.4641016,0,1\n4,4,0,0,1\n5,0,0,6,0\n"
+    elements = "start,end,group\n1,5,mast\n2,5,guy\n3,5,guy\n4,5,guy\n"
+    text = (
+        STEEL.replace("100e3", "0.0")
+        + MAST.replace("-50e3", "0.0")
+        + "[load]\nself_weight = true\nsteps = 1\n"
+    )
+    with workshop.solve(text, nodes, elements) as f:
+        assert [line.get_label() for line in states(f).axes[0].lines] == ["supports, 4"]
 
 
 def test_pictures_distinguish_springs_from_supports(workshop):

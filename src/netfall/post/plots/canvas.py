@@ -136,9 +136,9 @@ def open_charts(
 
 
 def add_legend_below(figure: Figure, *axes: Axes, ncols: int = 4) -> None:
-    """Add a legend of the lines of some charts, below all charts."""
-    handles = [handle for chart in axes for handle in chart.get_legend_handles_labels()[0]]
-    figure.legend(handles=handles, loc="outside lower center", ncols=ncols)
+    """Add a legend of the lines of some charts, below all charts; lines with the same label are one entry."""
+    entries = {label: line for chart in axes for line, label in zip(*chart.get_legend_handles_labels())}
+    figure.legend(handles=list(entries.values()), loc="outside lower center", ncols=ncols)
 
 
 def add_scale(

@@ -115,7 +115,9 @@ def add_supports(f: h5py.File, axes: Axes, x: np.ndarray, place: str = "") -> No
     """Mark the supports at x (n, 3) [m], and the edge that they form, if any; place : group of the state."""
     held = held_axes(f, place)
     rows = np.flatnonzero(held.any(1))
-    edge = support_edge(x, rows) if not place.startswith("stages/") else ()  # temporary supports form no edge
+    has_roof = f["net/tributary_area"][:].any()
+    # temporary supports form no edge
+    edge = support_edge(x, rows) if has_roof and not place.startswith("stages/") else ()
     if len(edge):
         style = {"color": canvas.SUPPORT_COLOUR, "label": "edge through the supports"} | canvas.SPACE_STYLE
         axes.plot(*x[edge].T, lw=0.8, ls=(0, (3, 2)), **style)

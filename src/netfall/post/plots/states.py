@@ -89,7 +89,7 @@ def _panels(f: h5py.File, chosen: list[StateView], subtitle: str, factor: float 
         if state.place != results.FORM_GROUP:
             axes.set_title(force_words(f, state, "\n" if len(chosen) > canvas.MAX_IN_TWO_COLUMNS else ": "))
     force.add_force_scales(panels, scale, all_forces)
-    canvas.add_legend_below(figure, panels[-1])
+    canvas.add_legend_below(figure, *panels)
     canvas.set_figure_title(figure, result_title(f), f": {subtitle}")
     return figure
 
