@@ -262,7 +262,7 @@ def slips(f: h5py.File) -> Figure:
         lower.axhline(SLIP_UTILISATION, color="0.5", lw=0.8, ls="--")
         lower.set_xlabel(f"along it from node {f['slide/node'][points[0]]} [m]")
     panels[0, 0].set_ylabel("slip along the cable [mm]")
-    panels[1, 0].set_ylabel("utilisation of the slip resistance [-]")
+    panels[1, 0].set_ylabel("utilisation, friction / 1.65 [-]")
     canvas.add_legend_below(figure, panels[0, 0], ncols=3)
     selection = f", {len(cables)} of {len(ranked)} cables" if len(ranked) > len(cables) else ""
     canvas.set_figure_title(figure, result_title(f), f": slip over nodes{selection}")
@@ -294,7 +294,7 @@ def wind(f: h5py.File) -> Figure:
         position = ", ".join(f"{coordinate:.0f}" for coordinate in points[k])
         axes.plot(t, values[:, k], lw=0.9, label=f"at ({position}) m")
     if not tapped:
-        axes.axhline(g["mean_speed"][:].mean(), color="0.5", lw=0.8, ls="--", label="mean")
+        axes.axhline(g["mean_speed"][:].mean(), color="0.5", lw=0.8, ls="--", label="mean of all nodes")
     ylabel = "pressure, positive presses [N/m2]" if tapped else "wind speed [m/s]"
     axes.set(xlabel="time [s]", ylabel=ylabel)
     canvas.add_legend_below(figure, axes)
