@@ -38,7 +38,7 @@ from netfall.post.plots.canvas import (
 from netfall.post.plots.collapse import collapse, select_snapshots
 from netfall.post.plots.curves import displacements, load_displacement
 from netfall.post.plots.film import FilmView, animate
-from netfall.post.plots.force import OF_MOTION, ForceScale, support_edge
+from netfall.post.plots.force import OF_MOTION, ForceScale, add_force_scales, support_edge
 from netfall.post.plots.run import file_suffix, plot_all, plot_state
 from netfall.post.plots.states import _governing, deflection_scale, stages, states
 from netfall.post.report.info import info_of_result, print_info
@@ -379,6 +379,20 @@ def test_a_mast_and_its_guys_have_no_edge_through_the_supports(workshop):
     )
     with workshop.solve(text, nodes, elements) as f:
         assert [line.get_label() for line in states(f).axes[0].lines] == ["supports, 4"]
+
+
+def test_the_forces_of_a_picture_have_one_unit(workshop):
+    """Of two states one has less than 2 kN; of two scales one ends below 2 MN."""
+    more = "[load]\nself_weight = true\nsteps = 1\n"
+    with run_of_a_hung_weight(workshop, "mass", "3,0,0,0,0,1,0,-4e3,400", more) as f:
+        titles = [panel.get_title() for panel in states(f).axes[:2]]
+        assert len(titles) == 2 and all(title.endswith(" kN") for title in titles)
+    figure, panels = open_space_panels(np.eye(3), 1)
+    forces = np.array([3e5, -2.3e6])
+    add_force_scales(panels, ForceScale.of(forces), forces)
+    labels = [bar.get_xlabel() for bar in figure.axes[1:]]
+    assert labels == ["tension [MN], 0.3 to 0.3", "compression [MN], 2.3 to 2.3"]
+    plt.close(figure)
 
 
 def test_pictures_distinguish_springs_from_supports(workshop):

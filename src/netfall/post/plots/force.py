@@ -99,9 +99,9 @@ def add_by_force(axes: Axes, lines: np.ndarray, N: np.ndarray, scale: ForceScale
 
 
 def add_force_scales(axes: Axes | Sequence[Axes], scale: ForceScale, N: np.ndarray) -> None:
-    """Add the scales below one or several axes, with the extremes of their forces N (k,) [N]."""
+    """Add the scales below one or several axes, in one unit, with the extremes of their forces N (k,) [N]."""
+    factor, unit = canvas.unit_of(max((ends[1] for *_, ends, _ in scale.parts()), default=0.0), "N")
     for word, sign, ends, colours in scale.parts():
-        factor, unit = canvas.unit_of(ends[1], "N")
         values = factor * sign * N[sign * N > (0.0 if sign > 0 else scale.trace)]
         low, high, least, most = factor * ends[0], factor * ends[1], values.min(), values.max()
         beyond = bool(least < low * (1.0 - 1e-9)), bool(most > high * (1.0 + 1e-9))

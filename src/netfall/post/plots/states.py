@@ -82,22 +82,27 @@ def _panels(f: h5py.File, chosen: list[StateView], subtitle: str, factor: float 
     scale = force.ForceScale.of(all_forces, np.tile(force.moving_elements(f), len(chosen)))
     elements = f["net/elements"][:]
     figure, panels = canvas.open_space_panels(np.concatenate(positions), len(chosen))
+    largest = float(np.abs(all_forces).max())
     for axes, state, x, N in zip(panels, chosen, positions, forces):
         present = ~absent(f, state.place)
         force.add_by_force(axes, x[elements[present]], N[present], scale, canvas.line_width(len(N)))
         force.add_supports(f, axes, x, state.place)
         if state.place != results.FORM_GROUP:
-            axes.set_title(force_words(f, state, "\n" if len(chosen) > canvas.MAX_IN_TWO_COLUMNS else ": "))
+            separator = "\n" if len(chosen) > canvas.MAX_IN_TWO_COLUMNS else ": "
+            axes.set_title(force_words(f, state, separator, largest))
     force.add_force_scales(panels, scale, all_forces)
     canvas.add_legend_below(figure, *panels)
     canvas.set_figure_title(figure, result_title(f), f": {subtitle}")
     return figure
 
 
-def force_words(f: h5py.File, state: StateView, then: str = ": ") -> str:
-    """Describe a state: name, separator `then`, smallest and largest force, number of slack cables."""
+def force_words(f: h5py.File, state: StateView, then: str = ": ", largest: float = 0.0) -> str:
+    """Describe a state: name, separator `then`, smallest and largest force, number of slack cables.
+
+    largest : [N], of all states of a picture, which have one unit
+    """
     N, present = state.tension(), ~absent(f, state.place)
-    factor, unit = canvas.unit_of(np.abs(N).max(), "N")
+    factor, unit = canvas.unit_of(max(largest, float(np.abs(N).max())), "N")
     least, most = factor * N[present].min(), factor * N[present].max()
     return f"{results.state_title(f, state)}{then}{least:.4g} to {most:.4g} {unit}{_slack_words(f, state)}"
 
