@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from netfall.post.checks.nodes import slip_point_columns
+from netfall.post.checks.nodes import FRICTION_SAFETY, slip_point_columns
 from netfall.post.plots import canvas
 from netfall.results.file import Frames, element_name, result_title
 from netfall.results.losses import fracture_times, removal_times
@@ -262,7 +262,7 @@ def slips(f: h5py.File) -> Figure:
         lower.axhline(SLIP_UTILISATION, color="0.5", lw=0.8, ls="--")
         lower.set_xlabel(f"along it from node {f['slide/node'][points[0]]} [m]")
     panels[0, 0].set_ylabel("slip along the cable [mm]")
-    panels[1, 0].set_ylabel("utilisation, friction / 1.65 [-]")
+    panels[1, 0].set_ylabel(f"utilisation, friction / {FRICTION_SAFETY:g} [-]")
     canvas.add_legend_below(figure, panels[0, 0], ncols=3)
     selection = f", {len(cables)} of {len(ranked)} cables" if len(ranked) > len(cables) else ""
     canvas.set_figure_title(figure, result_title(f), f": slip over nodes{selection}")
