@@ -74,8 +74,7 @@ RECORD_BEFORE_START = Message(
     "W322",
     "[[motion]] {number}: {file}: the accelerations before time 0 have no effect. Shift the times of the "
     "record so that its first row is at 0.",
-    "The supports are at rest until the dynamics starts. A record that is under way by then lacks its first "
-    "part, and its integrated displacements are others.",
+    "The supports are at rest until time 0.",
 )
 RECORD_HEADER = Message("E316", '{path}: line 4: {line!r}, expected "NPTS= 3000, DT= .0100 SEC".')
 RECORD_NOT_NUMERIC = Message(

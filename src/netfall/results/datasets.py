@@ -145,11 +145,10 @@ slack_time | m | s | time in which a cable was slack; a cable that is slack in a
     before
 displacement_max | n | m | largest displacement of a node, as in `/VTKHDF`; fragments do not count
 displacement_max_time | n | s | time of the first row with this displacement
-reaction_max | n | N | largest reaction: pull of the elements and load of the node (at elastic supports the
-    force on the spring), without inertia; 0 at free nodes
-reaction_max_time | n | s | time of the first such row
-reaction_highest | n, 3 | N | highest reaction along each axis
-reaction_lowest | n, 3 | N | lowest reaction along each axis
+reaction_max | n | N | largest magnitude of the reaction, as in an equilibrium: without inertia of the node
+reaction_max_time | n | s | time of the first row with this reaction
+reaction_highest | n, 3 | N | highest components, with sign
+reaction_lowest | n, 3 | N | lowest components
 /removal | Member removal, one row for each entry of `[[remove]]`; nan: its time is after the end. |
     [[remove]]
 time | r | s | time of the step at which the elements were removed
