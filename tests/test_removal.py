@@ -425,6 +425,15 @@ def test_a_wrong_entry_is_refused(workshop, text, line):
     assert any(message.startswith(f"{job}: [[remove]] 1: {line}") for message in lines), lines
 
 
+def test_a_member_that_is_removed_twice_is_noted(workshop):
+    """The earlier removal counts, whatever the order of the entries; an id may be repeated."""
+    text = CABLE + dynamics(0.3, 100) + entry([0, 2], 0.2) + entry([2, 2], 0.1)
+    told = workshop.check(workshop.job(text, *weights(2)))
+    assert [line for line in told.splitlines() if "N333" in line] == [
+        "note: [[remove]] 1: no effect on element 2, which an earlier removal removed. [N333]"
+    ]
+
+
 def test_run_and_info_describe_member_removals(workshop):
     """Removed members, the damaged equilibrium, fractures, factors, and removals after the end."""
     nodes, elements = weights(2)

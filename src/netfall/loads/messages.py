@@ -118,9 +118,7 @@ BENDING_BARS_REMOVED = Message(
     "The neighbours of a removed bar would lose their bending moments at once, which the model does not "
     "cover. Without bending = true the bars are hinged at their nodes and can be removed.",
 )
-ALREADY_ABSENT = Message(
-    "N333", "[[remove]] {number}: no effect on {elements}, which a stage of erection removed."
-)
+ALREADY_ABSENT = Message("N333", "[[remove]] {number}: no effect on {elements}, which {cause} removed.")
 GUSTS_WITH_REMOVAL = Message(
     "N334",
     "[[remove]]: gusts act after the removal, so the largest forces and the dynamic factors include both. "

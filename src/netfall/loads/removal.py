@@ -183,10 +183,16 @@ def _elements_by_id(net: Net, wanted_ids: list[int]) -> tuple[np.ndarray, list[s
 
 
 def absent_member_notes(job: Job, net: Net) -> Iterator[str]:
-    """Yield notes on removals of elements that are absent after erection; net : after the last stage."""
-    for number, rows in enumerate(find_removed_elements(job, net), 1):
-        if len(ids := net.element_id[rows[~net.is_there[rows]]]):
-            yield messages.ALREADY_ABSENT(number=number, elements=counted("element", ids))
+    """Yield notes on removals of elements that are absent by then; net : after the last stage of erection."""
+    lost, is_removed, causes = find_removed_elements(job, net), np.zeros(net.m, bool), {}
+    for k in sorted(range(len(lost)), key=lambda k: job.removes[k].time):
+        rows = lost[k]
+        causes["a stage of erection"] = rows[~net.is_there[rows]]
+        causes["an earlier removal"] = rows[net.is_there[rows] & is_removed[rows]]
+        for cause, absent in causes.items():
+            if len(ids := net.element_id[absent]):
+                yield messages.ALREADY_ABSENT(number=k + 1, elements=counted("element", ids), cause=cause)
+        is_removed[rows] = True
 
 
 def superposed_excitation_notes(job: Job, varies: bool) -> Iterator[str]:
