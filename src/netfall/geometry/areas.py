@@ -62,8 +62,8 @@ def find_roof(job: Job, net: Net) -> RoofFaces:
     planar = job.net.generator in PLANAR_GENERATORS and net.roof_axes is None
     plan = draw_plan(net, carries, checked=lines or not planar)
     if plan.error and _needs_faces(job, net):
-        reason = _with_upright_plane(net, plan.error)
-        raise InputError([f"{job.path}: {messages.UNCLEAR_FACES(reason=reason)}"])
+        error = messages.UNCLEAR_FACES(reason=_with_upright_plane(net, plan.error))
+        raise InputError([f"{job.path}: {error}"])
     if plan.error:
         notes = [messages.NO_FACES(reason=plan.error)]
         if areas_are_given(net):

@@ -273,7 +273,7 @@ def _integrate_acceleration(time: np.ndarray, a: np.ndarray) -> np.ndarray:
 
 def _fit_parabola(time: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Fit c1, c2 (2, 3) of c1 t + c2 t^2 to velocities v (r, 3) [m/s] at times (r,) [s] by least squares."""
-    t = time / (time[-1] or 1.0)
+    t = time / time[-1]
     sums = [float(np.sum(t**k)) for k in (2, 3, 4)]
     right = np.array([np.sum(t[:, None] * v, axis=0), np.sum((t * t)[:, None] * v, axis=0)])
     det = sums[0] * sums[2] - sums[1] * sums[1]
