@@ -3,6 +3,7 @@
 import re
 from types import SimpleNamespace
 
+import h5py
 import numpy as np
 import pytest
 from conftest import StopAfter, assert_same_results, audits, error_lines, run_on_standing_ranks
@@ -243,6 +244,17 @@ def test_displacements_of_the_equilibrium_after_a_removal_are_given(both_ways):
     write_report(both_ways.folder / "result.vtkhdf", folder := both_ways.folder / "report")
     row = (folder / "displacements.csv").read_text().splitlines()[3].split(",")
     assert float(row[8]) == pytest.approx(sunk, rel=1e-9)  # equilibrium after removal 1
+
+
+def test_results_of_earlier_versions_are_reported_without_displacements_after_removals(workshop):
+    """Version 0.5.0 does not write them."""
+    workshop.solve(CABLE + dynamics(0.2, 100) + entry([0], 0.1), *weights(1)).close()
+    with h5py.File(path := workshop.folder / "result.vtkhdf", "r+") as f:
+        del f["removal/displacement_after"]
+        (line,) = described_removals(f)
+    assert "nothing broke afterwards; largest tension over tension before" in line
+    write_report(path, folder := workshop.folder / "report")
+    assert "after removal" not in (folder / "displacements.csv").read_text()
 
 
 def test_a_removed_element_leaves_with_its_unsupported_nodes(torn):

@@ -102,7 +102,7 @@ def displacement_columns(f: h5py.File, cases: list[Case]) -> dict[str, np.ndarra
     form, x, permanent = states.form_position(f), states.start_position(f), states.permanent_position(f)
     columns = {"node": f["net/node_id"][:], **{axis: x[:, k] for k, axis in enumerate("xyz")}}
     shown = [state for state in states.equilibria(f) if state.place not in ("", states.FORM_GROUP)]
-    shown += states.removal_equilibria(f) if "removal" in f else []
+    shown += states.removal_equilibria(f) if "removal/displacement_after" in f else []
     stages = _by_name(columns, cases, shown)
     reserved = {*columns, *(name for name, _ in stages)}
     for name, stage in stages:
