@@ -141,7 +141,7 @@ def test_compressed_bars_without_a_check_are_a_warning(workshop):
     workshop.solve(STATICS + groups, nodes, ELEMENTS + "9,4,5,prop\n").close()
     warnings: list[str] = []
     page = workshop.report(say=warnings.append).page
-    warning = "checks: 2 elements (7, 9): bars whose buckling is unchecked, up to 200 kN in element 7 "
+    warning = "checks: 2 elements (7, 9): compressed bars with unchecked buckling, up to 200 kN in element 7 "
     assert [warning + "(statics" in text for text in (page, "".join(warnings))] == [True, True]
 
 

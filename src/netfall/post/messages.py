@@ -77,8 +77,8 @@ NO_YIELD_STRESS = Message(
 )
 UNCHECKED_COMPRESSION = Message(
     "W847",
-    "checks: {elements}: bars whose buckling is unchecked, up to {force:kN} in element {worst} ({state}). "
-    "Give second_moment and yield_stress.",
+    "checks: {elements}: compressed bars with unchecked buckling, up to {force:kN} in element {worst} "
+    "({state}). Give second_moment and yield_stress.",
 )
 NO_EQUILIBRIUM = Message("W842", "no equilibrium after erection with errors of length: {reason}")
 
