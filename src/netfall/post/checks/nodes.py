@@ -8,7 +8,7 @@ The foundation forces of a stage therefore add up to all its loads. In motion th
 foundation forces along each axis are those of /envelope, at different times.
 
 Utilisation: the force against slip over the slip resistance. The force is the difference of the adjoining
-tensions at the slip point, in the largest of motion that in the middle of elements.
+tensions at the slip point; for the largest in motion they are those in the middle of elements.
 
 holds = resistance + t (exp(mu alpha / 1.65) - 1)     t: the smaller tension, alpha: turn of the cable
 
