@@ -514,7 +514,7 @@ def test_a_removal_within_the_last_step_has_its_equilibrium(workshop):
     [
         ("turbulence_intensity = 0.1", "set [wind] turbulence_intensity = 0."),
         ("surface_drag = 0.005", "set [wind] surface_drag = 0."),
-        ('pressures = "p.csv"\ntaps = "taps.csv"', "give instead of p.csv a table that stays at its mean."),
+        ('pressures = "p.csv"\ntaps = "taps.csv"', "replace p.csv by a table that stays at its mean."),
     ],
 )
 def test_the_note_on_gusts_after_a_removal_names_a_key_of_that_wind(workshop, wind, remedy):

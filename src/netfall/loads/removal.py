@@ -203,9 +203,7 @@ def superposed_excitation_notes(job: Job, varies: bool) -> Iterator[str]:
     if job.removes and varies:
         key = "surface_drag" if job.wind.turbulence_intensity is None else "turbulence_intensity"
         table = job.wind.file or job.wind.pressures
-        remedy = (
-            f"give instead of {table} a table that stays at its mean" if table else f"set [wind] {key} = 0"
-        )
+        remedy = f"replace {table} by a table that stays at its mean" if table else f"set [wind] {key} = 0"
         yield messages.GUSTS_WITH_REMOVAL(remedy=remedy)
     if job.removes and job.wind and job.wind.onset == "sudden":
         loads = "the wind acts" if load_steps(job) else "all loads act"
