@@ -264,8 +264,8 @@ def _hazard_row(h: Any, k: int) -> str:
 def _failures(study: Study, say: Callable[..., Any]) -> None:
     """Print the failure criteria of the study file, for the groups of samples of fragility curves.
 
-    It names pooled values of a grid: they are chosen, so the share over them is not a probability. Nothing if
-    the study has a fragility curve.
+    The lines name pooled values of a grid: these are chosen, so the share over them is not a probability.
+    Nothing if the study has a fragility curve.
     """
     f = study.failures
     if not f or study.fragility:
