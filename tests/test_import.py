@@ -701,13 +701,13 @@ def test_omitted_loads_of_compas_nodes_are_named(tmp_path, pz, count):
 
 
 def test_a_name_of_two_lines_is_one_line_in_the_tables(tmp_path):
-    """A group of a JSON file with a line break and a blank at its end, which no cell of a table has."""
+    """No cell of a table has a line break, or a blank at its end. Names with one and two blanks differ."""
     nodes = {key: {"x": float(key), "y": 0.0, "z": 0.0, "is_anchor": key != "1"} for key in "012"}
-    edges = {"0": {"1": {"group": "a\nb "}}, "1": {"2": {"group": "a\nb "}}, "2": {}}
+    edges = {"0": {"1": {"group": "a\nb "}}, "1": {"2": {"group": "a  b"}}, "2": {}}
     data = {"default_node_attributes": {}, "node": nodes, "edge": edges}
     (tmp_path / "a.json").write_text(json.dumps({"dtype": "compas.datastructures/Graph", "data": data}))
     job, net, _ = imported(tmp_path / "a.json", unit="m")
-    assert net.group_names == ["a b"] and '# [group."a b"]' in job.text
+    assert net.group_names == ["a  b", "a b"] and '# [group."a b"]' in job.text
 
 
 def compas_graph(x="4.0", flag="true", edges='{"1": {"q": 2.0}}', unit="m", key="1") -> str:

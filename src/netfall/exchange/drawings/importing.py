@@ -103,7 +103,7 @@ def _write(reading: NetImport, folder: Path, target: Path) -> list[str]:
     from netfall.post.plots.net import draw_imported_net
 
     net, drawing = reading.net, reading.drawing
-    names = [" ".join(name.split()) for name in drawing.layers]  # as cells of a table, which are stripped
+    names = [" ".join(name.splitlines()).strip() for name in drawing.layers]  # as cells of a table
     node_id, group = _node_ids(reading), [names[k] for k in drawing.layer[net.line].tolist()]
     x = net.x
     nodes = {"id": node_id, "x": x[:, 0], "y": x[:, 1], "z": x[:, 2], "fixed": reading.fixed.astype(int)}
