@@ -348,7 +348,8 @@ def test_the_collapse_shows_as_many_dashed_elements_as_are_removed(workshop):
     more = "breaking_load = 8e3\n[[remove]]\nelements = [0]\ntime = 0.1\n[dynamics]\nduration = 0.5\n"
     more += "fragments = false\n[output]\nframes = 5\n"
     with run_of_a_hung_weight(workshop, "mass", "3,0,0,0,1,1,0,-4e3,400", more) as f:
-        panels = collapse(f).axes
+        panels = (figure := collapse(f)).axes
+        legend = [text.get_text() for text in figure.legends[0].get_texts()]
         titles = [panel.get_title() for panel in panels]
         told = [int(re.search(r"s: (\d) broken or removed", title)[1]) for title in titles]
         dashed = [
@@ -356,7 +357,7 @@ def test_the_collapse_shows_as_many_dashed_elements_as_are_removed(workshop):
             for panel in panels
         ]
         assert any(title.startswith("t = 0.1 s: 0 broken") for title in titles)
-        assert dashed == told and told[-1] == 2
+        assert dashed == told and told[-1] == 2 and "broken; dashed: out of the net" in legend
 
 
 def test_the_stages_explain_the_supports_of_each_of_them(workshop):

@@ -22,7 +22,7 @@ STYLES = (
     ("taut", "#30507a", 0.8),
     ("compressed", "#c77700", 0.9),
     ("slack", "#9ab8d8", 0.6),
-    ("broken; dashed: removed", canvas.BROKEN, 1.5),
+    ("broken; dashed: out of the net", canvas.BROKEN, 1.5),
 )
 
 
