@@ -3,6 +3,7 @@
 import os
 import re
 import sys
+from codecs import BOM_UTF8
 
 import bad_inputs
 import pytest
@@ -97,7 +98,7 @@ def test_damaged_job_file_is_refused(workshop, content):
     assert "No such file" in error_lines(read_job, path, [])[0]
     path.write_bytes(content)
     assert all(line.startswith(str(path)) for line in error_lines(read_job, path, []))
-    path.write_bytes(WHOLE.encode() + 'title = "Stütze"'.encode("latin-1"))
+    path.write_bytes(BOM_UTF8 + WHOLE.encode() + "ü".encode("latin-1"))
     assert f"line {WHOLE.count(chr(10)) + 1}: not text in UTF-8" in error_lines(read_job, path, [])[0]
 
 

@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+from codecs import BOM_UTF8
 
 import numpy as np
 import pytest
@@ -412,7 +413,8 @@ def test_a_table_in_another_encoding_is_refused_with_the_right_one(workshop):
     (workshop.folder / "nodes.csv").write_bytes(NODES.encode("utf-16-le"))
     with pytest.raises(InputError, match="line 1: not text in UTF-8"):
         build_net(read_job(job))
-    (workshop.folder / "nodes.csv").write_bytes(50_000 * b"#\n" + b"\xfc\n")  # beyond a block of a reader
+    beyond_a_block = 50_000 * b"#\n" + b"\xfc\n"  # of a reader
+    (workshop.folder / "nodes.csv").write_bytes(BOM_UTF8 + beyond_a_block)
     with pytest.raises(InputError, match="line 50001: not text in UTF-8"):
         build_net(read_job(job))
 

@@ -244,7 +244,7 @@ def _rows_of(path: Path) -> list[tuple[int, list[str]]]:
         rows = _numbered_rows(path, lines, max(DELIMITERS, key=header.count))
         return [(number, row) for number, row in rows if any(cell.strip() for cell in row)]
     except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
+        line = error.object.count(b"\n", 0, error.start) + 1
         raise InputError(messages.TABLE_NOT_UTF8(path=path, line=line)) from None
     except csv.Error as error:
         raise InputError(messages.NOT_CSV(path=path, reason=error)) from None

@@ -88,14 +88,13 @@ def _with_zone_loads(job: Job) -> Job:
 def read_toml(path: Path, kind: str) -> tuple[dict[str, Any], str]:
     """Read the tables of a TOML file, and its text. kind : of file, for messages. Raises InputError."""
     try:
-        data = path.read_bytes()
-        text = data.decode("utf-8-sig")  # drops a byte-order mark
+        text = path.read_bytes().decode("utf-8-sig")  # drops a byte-order mark
         return tomllib.loads(text), text
     except OSError as error:
         reason = error.strerror or error
         raise InputError(messages.UNREADABLE_JOB(path=path, reason=reason, kind=kind)) from None
     except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
+        line = error.object.count(b"\n", 0, error.start) + 1
         raise InputError(messages.NOT_TEXT(path=path, line=line, kind=kind)) from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(messages.INVALID_TOML(path=path, reason=" ".join(str(error).split()))) from None
