@@ -459,6 +459,15 @@ def test_the_shop_list_is_that_by_hand(loaded, tmp_path):
     assert "cable e11 (upper) of 5000 mm: 2600 and 2600 mm at its ends" in done.stderr
 
 
+def test_bars_are_made_to_their_length_without_load(workshop):
+    """A strut of 10 m under 500 kN of compression, EA = 200 MN, is made 10 m / (1 - 500e3 / 200e6) long."""
+    text = '[cable]\nkind = "bar"\nmodulus = 2e11\narea = 1e-3\ndensity = 7850\nprestress = -500e3\n'
+    nodes, elements = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,10,1\n", "start,end\n1,2\n"
+    workshop.run(workshop.job(text + "[load]\nself_weight = false\nsteps = 1\n", nodes, elements)).close()
+    (piece,) = workshop.report().rows("shop_list")
+    assert (piece["cut_length"], piece["measuring_load"]) == ("10025.1", "0")
+
+
 def test_cables_of_one_length_are_equal_only_with_equal_force_and_section(workshop):
     """20 m under 200, 40 and 40 kN in 400 mm2, and under 40 kN in 200 mm2: L0 = 20 m / (1 + N / EA)."""
     nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{k % 2 * 20},{k // 2},0,1\n" for k in range(8))

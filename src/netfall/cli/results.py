@@ -137,7 +137,7 @@ def view(result: Path, output: Path | None, sample: int | None) -> None:
     option(
         "--measuring-load",
         "N",
-        "tension at which cables are measured (default: mean of each)",
+        "tension at which cables are measured (default: mean of each); bars: 0",
         take.tension,
     ),
     option(

@@ -102,7 +102,7 @@ class Cutting:
     """Conditions under which cables are measured.
 
     temperature : [K] above that of form finding
-    load : [N]; None: the force of each cable in the form-found geometry
+    load : [N], of cables; None: the force of each cable in the form-found geometry
     """
 
     temperature: float = 0.0
@@ -355,7 +355,7 @@ def cutting_columns(f: h5py.File, cutting: Cutting) -> dict[str, np.ndarray]:
 
     A cable of unstressed length L0 is measured under the load N, at the temperature T above that of form
     finding. Its length is then L0 (1 + expansion T) (1 + N / EA), with logarithmic strain L0 (1 + expansion
-    T) exp(N / EA). A given load applies to cables; bars are then measured without a load.
+    T) exp(N / EA). Bars are measured without a load.
     """
     cable, count = f["net/cable"][:], len(f["net/cable_names"])
 
@@ -387,11 +387,9 @@ def measured_lengths(f: h5py.File, cutting: Cutting) -> tuple[np.ndarray, np.nda
     """
     cable, count = f["net/cable"][:], len(f["net/cable_names"])
     L0, EA = f["net/unstressed_length"][:], f["net/axial_stiffness"][:]
-    if cutting.load is None:
-        load = np.bincount(cable, states.start_tension(f) * L0, count) / np.bincount(cable, L0, count)
-    else:
-        first = np.unique(cable, return_index=True)[1]
-        load = np.where(f["net/bar"][:][first], 0.0, cutting.load)
+    mean = np.bincount(cable, states.start_tension(f) * L0, count) / np.bincount(cable, L0, count)
+    first = np.unique(cable, return_index=True)[1]
+    load = np.where(f["net/bar"][:][first], 0.0, mean if cutting.load is None else cutting.load)
     warm = heated_length(L0, f["net/expansion"][:], cutting.temperature)
     return load, warm, stretched_length(warm, load[cable], EA, states.strain_measure(f))
 

@@ -5,8 +5,8 @@ Equal cables share a row, with end deductions and marks of clamps.
 A cable runs from node to node. Rigid parts at its ends, a plate up to the pin and the socket on it,
 are deducted from its length in the form-found geometry, under its force there. The remaining cable has the
 unstressed length L0. It measures L0 (1 + expansion T) (1 + N / EA) under the load N, at a temperature T above
-that of form finding. Rigid parts measure the same under any load. Marks are the positions on the cable of its
-inner nodes of the table, not of `subdivide`.
+that of form finding. Bars are measured without a load. Rigid parts measure the same under any load. Marks
+are the positions on the cable of its inner nodes of the table, not of `subdivide`.
 Members of concrete are not included.
 """
 

@@ -347,7 +347,7 @@ def _cutting(f: h5py.File, table: dict[str, np.ndarray], cutting: Cutting) -> li
     return [md.bold(warning), ""] * ("deviation" in f) + [
         f"{count_of(len(table['cable']), 'cable')}, {table['unstressed_length'].sum():.6g} m unstressed",
         f"at the temperature of form finding, {table['mass'].sum():.5g} kg. Measured at",
-        f"{cutting.temperature:+g} K from that temperature, each cable under {load}.",
+        f"{cutting.temperature:+g} K from that temperature, each cable under {load}, bars without load.",
     ]
 
 
