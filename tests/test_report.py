@@ -232,6 +232,19 @@ def snowed(shared_workshop):
 CASED = ("snow", "much")
 
 
+def test_the_report_states_loads_of_cases_and_factors_of_combinations(workshop):
+    """Factors that are not given are those in effect, 1 for the permanent loads and the prestress."""
+    text = CASES.replace("set = {", "settlement = {1 = [0.0, 0.0, -0.03]}\nset = {", 1)
+    text += '[combinations]\n"A" = {permanent = 1.35, snow = 1.5}\n"B" = {kind = "SLS", much = 1}\n'
+    workshop.solve(text, ROOFED, ELEMENTS.format(ROWS)).close()
+    page = workshop.report().page
+    assert (
+        "- \\[load]: self_weight = false\n- snow: load.snow = 2000.0, settlement.1 = \\[0.0, 0.0, -0.03]\n"
+        in page
+    )
+    assert "- A: 1.35 permanent + 1 prestress + 1.5 snow\n- B: 1 permanent + 1 prestress + 1 much\n" in page
+
+
 def test_a_row_for_each_case_and_group_has_its_extremes(snowed):
     """The extremes are those of the file. Node 5 is in equilibrium under its snow, by hand."""
     states, folder = snowed

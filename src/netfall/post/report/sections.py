@@ -3,8 +3,10 @@
 import h5py
 import numpy as np
 
+from netfall.job.keys.entries import CASE_LOAD_KEYS, CASE_WIND_KEYS, flatten_settings
 from netfall.job.keys.models import Limits
 from netfall.job.validate import Validator
+from netfall.job.values import format_value
 from netfall.post.checks import cables
 from netfall.post.checks.bending import is_bending, is_concrete
 from netfall.post.checks.cases import (
@@ -28,6 +30,7 @@ LIMIT_WORDS = {  # attribute of an equilibrium: the limit that its listed elemen
     "yielding": "at the yield force",
 }
 UNFACTORED = "No combination is of kind ULS: loads count as the job gives them, without partial factors."
+ACTION_KEYS = ("self_weight", "load_table", *CASE_LOAD_KEYS, *CASE_WIND_KEYS)  # of [load] and [wind]
 SHOWN_ROWS = 10  # number of rows of the most used elements, and of named stages
 
 
@@ -60,8 +63,39 @@ def cases(f: h5py.File, all_cases: list[Case], table: dict[str, np.ndarray]) -> 
         *md.as_table(header, lines),
         *([""] if remarks else []),
         *remarks,
+        "",
+        *actions(f),
         *md.picture("axial forces in equilibrium", "states.png"),
     ]
+
+
+def actions(f: h5py.File) -> list[str]:
+    """Return the loads of the job and of each case, and the factors of each combination."""
+    job = read_job_tables(f)
+    sections = {"load": {"self_weight": True} | job["load"]} if "load" in job else {}
+    sections |= {"wind": job["wind"]} if "wind" in job else {}
+    lines = ["Loads as in the job, numbers without a unit in SI units, and factors:", ""]
+    for section, table in sections.items():
+        given = flatten_settings(table).items()
+        values = {name: value for name, value in given if name.rpartition(".")[2] in ACTION_KEYS}
+        lines.append(_settings(f"[{section}]", values))
+    for case in job.get("case", []):
+        others = {name: value for name, value in case.items() if name not in ("name", "set")}
+        lines.append(_settings(case["name"], flatten_settings(case.get("set", {}) | others)))
+    for one in job.get("combination", []):
+        factors = {"permanent": 1.0, "prestress": 1.0} | one["factors"]
+        terms = " + ".join(f"{value:g} {name}" for name, value in factors.items() if value)
+        lines.append(md.item(f"{one['name']}: {terms or 'nothing'}"))
+    return lines
+
+
+def _settings(title: str, values: dict[str, object]) -> md.Markup:
+    """Return an item with the values of a table."""
+    texts = [
+        f"{name} = {value if isinstance(value, str) else format_value(value)}"
+        for name, value in values.items()
+    ]
+    return md.item(f"{title}: {', '.join(texts) or 'nothing'}")
 
 
 def checks(
