@@ -58,6 +58,7 @@ def test_displacements_are_given_from_the_form_and_from_the_permanent_state(dead
     moved = (1e3 * abs(at["heavy"]) for at in (FROM_FORM, FROM_PERMANENT))
     assert " | ".join(f"{size:.1f} mm at node 5" for size in moved) in page
     assert "| largest displacement | from the permanent state |" in page
+    assert re.search(r"^\*\*Not passed: .*limits in service FAIL\.\*\*$", page, re.M)
 
 
 @pytest.mark.parametrize("start, by_hand", [("permanent", FROM_PERMANENT), ("form", FROM_FORM)])

@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 
 from netfall.core.messages import count_of, mm, warning_count
+from netfall.job.values import format_list
 from netfall.post.checks.bending import is_concrete
 from netfall.post.checks.cables import PASSES, Cutting, ElementCheck, element_groups
 from netfall.post.checks.ends import end_weights
@@ -91,13 +92,28 @@ def summary(
         "Shop list": _shop(f, tables["shop_list.csv"]),
         "Tables": _tables(f),
     }
-    parts = [[md.heading(1, file.result_title(f) or result.stem), "", *_run_lines(f, result)]]
+    verdict = _not_passed(tables["checks.csv"], sections["Limits in service"] or [])
+    parts = [[md.heading(1, file.result_title(f) or result.stem), "", *_run_lines(f, result, verdict)]]
     parts += [[md.heading(2, title), "", *lines] for title, lines in sections.items() if lines]
     return "\n".join(map(md.page, parts))
 
 
-def _run_lines(f: h5py.File, result: Path) -> list[str]:
-    """Return the lines on the run, failed states and energy errors."""
+def _not_passed(table: dict[str, np.ndarray], limit_lines: list[str]) -> list[str]:
+    """Return a line on the checks, with their groups, and the limits that are not passed; [] if all are.
+
+    table : see `group_columns`; limit_lines : of the section on limits
+    """
+    groups: dict[str, list[str]] = {}
+    for check, result, group in zip(table["check"], table["result"], table["group"]):
+        if result not in ("", PASSES):
+            groups.setdefault(f"{check} {result}", []).append(group or "no group")
+    texts = [f"{result} ({format_list(names)})" for result, names in groups.items()]
+    texts += ["limits in service FAIL"] * any(md.bold("FAILS") in line for line in limit_lines)
+    return [md.bold(f"Not passed: {'; '.join(texts)}.")] if texts else []
+
+
+def _run_lines(f: h5py.File, result: Path, verdict: list[str]) -> list[str]:
+    """Return the lines on the run, failed states, checks and energy errors; verdict : on the checks."""
     p, overrides = f["provenance"].attrs, file.provenance_text(f, "overrides")
     lines = [
         md.markup("Result {} of netfall {}, {}.", md.code(result.name), p["netfall"], p["exit_state"]),
@@ -118,6 +134,7 @@ def _run_lines(f: h5py.File, result: Path) -> list[str]:
         is_open = f[path].attrs["state"] == UNDECIDED
         how = "is undecided (there may be an equilibrium)" if is_open else "has no equilibrium"
         lines.append(md.bold(f"{states.group_title(f, path)} {how}: {f[path].attrs['reason']}."))
+    lines += verdict
     if "history" in f:
         if len(f["events/element"]):
             broken = len(np.unique(f["events/element_id"][:]))
