@@ -345,6 +345,15 @@ def test_the_force_at_an_end_includes_half_of_the_line_load(workshop):
         assert [max(high[0], -low[0]), -low[1]] == pytest.approx(expected, rel=1e-5), name
 
 
+@pytest.mark.parametrize("stage", ["", '[[stage]]\nname = "lift"\n'])
+def test_the_report_states_that_stages_of_erection_have_no_partial_factors(workshop, stage):
+    """The remark follows the states of an ultimate check, also of a job with combinations of kind ULS."""
+    combinations = '[combinations]\n"A" = {permanent = 1.35, snow = 1.5}\n'
+    workshop.solve(CASES + combinations + stage, ROOFED, ELEMENTS.format(ROWS)).close()
+    assert ("stage lift; permanent loads" in workshop.report().page) == bool(stage)
+    assert ("**Loads in stages of erection count as the job gives" in workshop.report().page) == bool(stage)
+
+
 @pytest.mark.parametrize(
     "motion", ["", "[dynamics]\nduration = 0.5\n[[remove]]\nelements = [2]\ntime = 0.1\n"]
 )
@@ -876,6 +885,7 @@ def test_the_permanent_loads_are_a_state_of_the_checks(workshop, combinations):
         assert permanent["load"][:, 2] == pytest.approx([-own / 2, -own / 2, -22e3 - own], rel=1e-9)
     report = workshop.report()
     assert ("**No combination is of kind ULS: loads " in report.page) == (not combinations)
+    assert "**Not passed: en1993_service FAILS (no group); asce19 FAILS (no group).**\n" in report.page
     checks = {row["check"]: row for row in rows_of(report.folder / "checks.csv")}
     for name, share, outcome in (("en1993", 1.5, "passes"), ("en1993_service", 1.0 / 0.45, "FAILS")):
         row = checks[name]

@@ -30,6 +30,10 @@ LIMIT_WORDS = {  # attribute of an equilibrium: the limit that its listed elemen
     "yielding": "at the yield force",
 }
 UNFACTORED = "No combination is of kind ULS: loads count as the job gives them, without partial factors."
+ERECTION = (
+    "Loads in stages of erection count as the job gives them, without partial factors. For the tension of "
+    "cables under such loads EN 1993-1-11, 7.2 recommends at most 0.55 F_uk."
+)
 ACTION_KEYS = ("self_weight", "load_table", *CASE_LOAD_KEYS, *CASE_WIND_KEYS)  # of [load] and [wind]
 SHOWN_ROWS = 10  # number of rows of the most used elements, and of named stages
 
@@ -115,8 +119,10 @@ def checks(
         text = f"The largest {what} of each element in: {'; '.join(names[:SHOWN_ROWS] + others)}."
         text = f"Of kind {check.kind}. {text}" if check.kind else text
         lines += [md.heading(3, check.title), "", text, ""]
-        if check.kind == BENDING_KIND and check.kind not in kinds and one.reason != "not checked":
-            lines += [md.bold(UNFACTORED), ""]
+        unfactored = [UNFACTORED] * (check.kind not in kinds and one.reason != "not checked")
+        unfactored += [ERECTION] * any(place.startswith("stages/") for place in envelope.places)
+        for remark in unfactored if check.kind == BENDING_KIND else []:
+            lines += [md.bold(remark), ""]
         failures = [
             cables.NOT_VERIFIED[why].format(title)
             for why, title in cables.states_not_verified(f, envelope, counting)
