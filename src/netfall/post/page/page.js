@@ -2,7 +2,8 @@
 // The page of a result. k3d draws, turns and keeps the time; it has the form, whose opacity has the frames as
 // its times and does not change. What is drawn at a moment is made here, from the
 // numbers of the page: points, and of each state displacements, forces and strains as whole numbers of two
-// bytes. NONE is no value. Elements are m pairs of points; each is drawn with two points of its own.
+// bytes, in one unit for all displacements and one for each element. NONE is no value. Elements are m pairs of
+// points; each is drawn with two points of its own.
 
 const NONE = -32768;
 // objects of k3d, beside the form, with times; guided: supports along some axes alone, or on springs
@@ -61,7 +62,7 @@ function readPage(k3d) {
   const whole = (of, count) => { // the sums of the differences, which wrap around
     const values = read(of), size = values.length / count;
     for (let k = size; k < values.length; k++) values[k] += values[k - size];
-    return { values, size, unit: of.unit };
+    return { values, size, unit: read(of.unit) };
   };
   const form = Object.values(k3d.getWorld().ObjectsListJson)[0];
   Object.assign(page, { form: form.id, start: form.vertices.data, ends: form.indices.data });
@@ -87,7 +88,8 @@ function valueOf(scene, e) {
   const of = quantity.of_file && state.strain ? state.strain : state.tension;
   const number = of.values[frame * of.size + e];
   if (number === NONE) return NaN;
-  return quantity.per && of === state.tension ? (number * of.unit) / quantity.per[e] : number * of.unit;
+  const value = number * of.unit[e];
+  return quantity.per && of === state.tension ? value / quantity.per[e] : value;
 }
 
 // --- what is drawn
@@ -105,7 +107,7 @@ function place(scene, points) {
   const { values, size, unit } = state.displacement;
   for (let k = 0; k < size; k++) {
     const number = values[frame * size + k];
-    points[k] = number === NONE ? NaN : page.start[k] + scale * unit * number;
+    points[k] = number === NONE ? NaN : page.start[k] + scale * unit[0] * number;
   }
 }
 

@@ -204,10 +204,10 @@ def states_data(numbers: ArrayBlock, states: StateSeries, N: np.ndarray, extent:
     N : (k, m) [N] axial forces that are shown; extent : of the net [m]
     """
 
-    def largest(values: np.ndarray) -> float:
-        return float(np.nanmax(np.abs(values), initial=0.0))
+    def largest(values: np.ndarray) -> np.ndarray:
+        return np.fmax.reduce(np.abs(values), initial=0.0)
 
-    reach = min(largest(states.displacement), MAX_DRAWN_DISPLACEMENT * extent)
+    reach = min(largest(states.displacement).max(), MAX_DRAWN_DISPLACEMENT * extent)
     page = {
         "name": states.name,
         "time": states.time.tolist(),

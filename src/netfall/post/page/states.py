@@ -37,19 +37,23 @@ class ArrayBlock:
         self.size += len(self.parts[-1])
         return reference
 
-    def add_series(self, values: np.ndarray, largest: float, nonzero: bool = False) -> dict[str, Any]:
+    def add_series(
+        self, values: np.ndarray, largest: float | np.ndarray, nonzero: bool = False
+    ) -> dict[str, Any]:
         """Add values (k, ...) of k states as shares of the largest; nan and larger values become missing.
 
         A state contains the differences from the previous state, which are small; they wrap around.
-        nonzero : whether all nonzero values remain nonzero, however small
+        largest : of all values, or of each column; nonzero : whether all nonzero values remain nonzero
         """
-        unit = largest / MAX_CODE or 1.0
+        unit = np.maximum(largest / MAX_CODE, np.finfo(np.float32).tiny).astype(np.float32)
         with np.errstate(invalid="ignore"):
             rounded = np.round(values / unit)
             rounded = np.where(np.abs(rounded) <= MAX_CODE, rounded, MISSING)
             vanished = (rounded == 0) & (values != 0.0) & nonzero
         rounded = np.where(vanished, np.sign(values), rounded).astype(np.int16)
-        return self.add(np.diff(rounded, axis=0, prepend=np.zeros_like(rounded[:1]))) | {"unit": unit}
+        return self.add(np.diff(rounded, axis=0, prepend=np.zeros_like(rounded[:1]))) | {
+            "unit": self.add(unit)
+        }
 
     def text(self) -> str:
         """Encode all arrays as text."""
