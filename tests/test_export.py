@@ -32,12 +32,12 @@ def broken(tmp_path_factory):
     return path
 
 
-def run(job, output, *settings):
+def run(job, output, *settings, code=0):
     """Run a job, a file or a dict, in this process."""
     if isinstance(job, dict):
         (folder := output.with_suffix(".job")).mkdir()
         job = _job_file(job, folder)
-    run_on_standing_ranks("run", job, "-o", output, "--quiet", *settings, cwd=output.parent)
+    run_on_standing_ranks("run", job, "-o", output, "--quiet", *settings, cwd=output.parent, code=code)
 
 
 def written(result, target, time=None, case=None, unit="m"):
@@ -256,6 +256,15 @@ def test_exports_omit_elements_that_a_stage_removed(tmp_path):
     assert (first["statics/tension"][:, is_present] == again["statics/tension"]).all()
     drawn = (first["net/breaking_load"] * first["net/strength"])[is_present]
     assert again["net/breaking_load"] == pytest.approx(drawn)
+
+
+def test_the_geometry_of_a_failed_stage_is_no_form(tmp_path):
+    """No search reaches a compressed cable. Exports of what it left have a warning, other states none."""
+    stage = {"name": "jack", "lengths": {"hanging": {"force": -10.0}}}
+    run(cross(stage=[stage]), tmp_path / "r.vtkhdf", code=3)
+    for name, time, is_warned in (("r", None, True), ("r.dxf", None, True), ("end", np.inf, False)):
+        lines = written(tmp_path / "r.vtkhdf", tmp_path / name, time)
+        assert any("stage jack: no equilibrium" in line for line in lines) == is_warned, name
 
 
 def test_the_job_names_nothing_that_a_stage_took_out(tmp_path):

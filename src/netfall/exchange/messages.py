@@ -48,6 +48,11 @@ DOUBLE_EDGES = Message(
     "{path}: elements between nodes that another element joins: {count}. A Graph contains one of them; "
     "export a .csv for all.",
 )
+FORM_OF_FAILED_STAGE = Message(
+    "W786",
+    "{stage}: no equilibrium was found. The exported geometry, forces and unstressed lengths are those that "
+    "the search left, not a form. Correct the stage and run again.",
+)
 WITHOUT_LOADS = Message(
     "N756", "{state}: without loads, masses, springs and sections, which belong to the form."
 )

@@ -123,7 +123,7 @@ def find_case(result: Result, name: str) -> Case:
     match = next((case for case in cases if case.name == name), None)
     if match is None:
         names = [case.name for case in cases]
-        advice = suggest(name, names) if names else "its job has no [[case]]"
+        advice = suggest(name, names) if names else "it has no cases"
         raise InputError(messages.UNKNOWN_CASE(case=name, path=result.path, advice=advice))
     if not match.carries:
         raise InputError(messages.CASE_WITHOUT_EQUILIBRIUM(case=name, reason=match.reason))
