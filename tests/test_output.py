@@ -258,13 +258,33 @@ def test_a_load_path_within_the_tolerance_is_not_drawn(tmp_path):
             f["statics/load_factor"], f["statics/tension"] = [0.0, 1.0], [[9e3], [9e3 * (1 + 5e-8)]]
             f["statics/displacement"] = [[[0.0, 0.0, -0.0743]], [[0.0, 0.0, -0.0743 - change]]]
             f["net/group"], f["net/group_names"], f["net/node_id"] = [0], ["a"], [34]
-            f["provenance/title"] = "roof"
+            f["net/particles"], f["provenance/title"] = np.zeros((1, 3)), "roof"
             figure = load_displacement(f)
         assert (figure is not None) == drawn
     figure.draw_without_rendering()
     assert figure.axes[0].xaxis.get_offset_text().get_text() == ""
     ticks = [label.get_text() for label in figure.axes[0].get_xticklabels()]
     assert len(set(ticks)) == len(ticks)
+    plt.close(figure)
+
+
+@pytest.mark.parametrize(
+    "attributes, title",
+    [
+        ({"state": "no_equilibrium"}, "roof: statics, load factor 0.43, reached of 1"),
+        ({"limit_load_factor": 0.32}, "roof: statics, load factor 0.43 (limit point on the path)"),
+    ],
+)
+def test_a_load_path_shows_that_the_load_is_not_carried(tmp_path, attributes, title):
+    """The curve alone does not show that it ends below the full load, or jumps at a limit point."""
+    with h5py.File(tmp_path / "path.h5", "w") as f:
+        f["statics/load_factor"], f["statics/tension"] = [0.0, 0.43], [[0.0], [9e3]]
+        f["statics/displacement"] = [[[0.0, 0.0, 0.0]], [[0.0, 0.0, -0.5]]]
+        f["net/group"], f["net/group_names"], f["net/node_id"] = [0], ["a"], [34]
+        f["net/particles"], f["provenance/title"] = np.zeros((1, 3)), "roof"
+        f["statics"].attrs.update(attributes)
+        figure = load_displacement(f)
+    assert figure.get_suptitle() == title
     plt.close(figure)
 
 

@@ -18,7 +18,7 @@ from netfall.post.checks.nodes import FRICTION_SAFETY, slip_point_columns
 from netfall.post.plots import canvas
 from netfall.results.file import Frames, element_name, result_title
 from netfall.results.losses import fracture_times, removal_times
-from netfall.results.states import start_tension
+from netfall.results.states import group_equilibria, start_tension, state_title
 
 MIN_CHANGE = 1e-6  # share of the largest displacement or tension; less is the tolerance of equilibria
 NEGLIGIBLE_ENERGY = 1e-12  # share of the sum of force x length; smaller energies are rounding
@@ -78,7 +78,8 @@ def load_displacement(f: h5py.File) -> Figure | None:
     right.set(xlabel="load factor [-]", ylabel=f"tension, least to largest [{unit}]")
     right.set_ylim(bottom=min(0.0, right.get_ylim()[0]))
     canvas.add_legend_below(figure, right)
-    canvas.set_figure_title(figure, result_title(f), ": static load")
+    *_, last = group_equilibria(f, "statics")
+    canvas.set_figure_title(figure, result_title(f), f": {state_title(f, last)}")
     return figure
 
 
