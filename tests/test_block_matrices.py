@@ -33,10 +33,10 @@ class Matrix:
         return self.blocks.transpose(0, 2, 1, 3).reshape(3 * len(self.there), -1)
 
     def spread(self, comm, rows: Owners, columns: Owners) -> BlockRows:
-        place, column = np.nonzero(self.there[rows.mine])
-        start = np.searchsorted(place, np.arange(len(rows.mine) + 1))
+        place, column = np.nonzero(self.there[rows.own_gid])
+        start = np.searchsorted(place, np.arange(len(rows.own_gid) + 1))
         pattern = Pattern(comm, start, column.astype(np.int32), rows, columns)
-        return BlockRows(pattern, self.blocks[rows.mine[place], column])
+        return BlockRows(pattern, self.blocks[rows.own_gid[place], column])
 
 
 def owners(comm, rng, n: int) -> Owners:
@@ -62,11 +62,14 @@ def products(comm, seed: int) -> tuple[float, float, str]:
     for start, end in itertools.pairwise(coarse.pattern.start):
         assert (np.diff(coarse.pattern.column[start:end]) > 0).all()
 
-    product, inverse = DistributedMatrix(matrix), np.tile(np.float32([1, 0, 0, 1, 0, 1]), (len(rows.mine), 1))
-    whole = [product(x[rows.mine]).copy()]
+    product, inverse = (
+        DistributedMatrix(matrix),
+        np.tile(np.float32([1, 0, 0, 1, 0, 1]), (len(rows.own_gid), 1)),
+    )
+    whole = [product(x[rows.own_gid]).copy()]
     step, expected, moved = np.zeros_like(whole[0]), x.astype(float), np.zeros((n, 3))
     for _ in range(3):
-        product.take_step(b[rows.mine], inverse, np.float32(0.01), np.float32(0.3), step)
+        product.take_step(b[rows.own_gid], inverse, np.float32(0.01), np.float32(0.3), step)
         moved = 0.3 * moved + 0.01 * (b - (A.dense() @ expected.ravel()).reshape(-1, 3))
         expected += moved
     whole.append(product.own)
@@ -103,7 +106,7 @@ def solved(comm, rng, rows: Owners) -> tuple[np.ndarray, np.ndarray]:
 
 def gathered(comm, rows: Owners, own: np.ndarray) -> np.ndarray:
     whole = np.empty((rows.n, 3), np.float32)
-    for own_rows, part in comm.allgather((rows.mine, own)):
+    for own_rows, part in comm.allgather((rows.own_gid, own)):
         whole[own_rows] = part
     return whole
 

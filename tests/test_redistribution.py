@@ -144,7 +144,7 @@ def test_a_fading_chain_pulls_its_ends_by_the_horizontal_force():
     ends = np.array([[0, 1], [1, 2], [2, 3]])
     net = SimpleNamespace(elements=ends, cable=np.zeros(3, int))
     handed = redistribute(net, np.array([1.0, 2.0, 3.0]), np.arange(3), np.array([False, True, True, False]))
-    state = SimpleNamespace(load_before=np.zeros((4, 3)), load_after=np.zeros((4, 3)), hold_before=None)
+    state = SimpleNamespace(load_before=np.zeros((4, 3)), load_after=np.zeros((4, 3)), fading_before=None)
     fade = FadingLoad(np.arange(4), 2.0)
     fade.begin(1.0, ends, force, np.arange(3))
     fade.redistribute(handed, None)

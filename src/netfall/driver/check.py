@@ -241,17 +241,17 @@ def equilibria_time(problem: Problem) -> tuple[float, str]:
 
     For a large net it depends on whether the tangent predicts the first and the last equilibrium.
     """
-    job, m, wanted = problem.job, problem.distribution.m, equilibria(problem)
-    count = len(wanted) + len(job.removes) * bool(job.dynamics)  # one equilibrium after each member removal
+    job, m, requests = problem.job, problem.distribution.m, equilibria(problem)
+    count = len(requests) + len(job.removes) * bool(job.dynamics)  # one equilibrium after each member removal
     if problem.distribution.n < MIN_LARGE_NET:
         return EQUILIBRIUM_S * m * count, ""
     if job.form_finding and problem.form is None:
         return PREDICTED_S * m * count, "; slack or yielding nets take up to ten times as long"
     is_predicted = problem.finder.converges_quickly  # whether the tangent predicts an equilibrium well
-    if is_predicted(loaded(problem, wanted[-1]).load):
+    if is_predicted(loaded(problem, requests[-1]).load):
         return PREDICTED_S * m * count, ""
-    is_first_predicted = is_predicted(loaded(problem, wanted[0]).load)
-    predicted = sum(each.kind == "permanent" for each, _ in wanted) if is_first_predicted else 0
+    is_first_predicted = is_predicted(loaded(problem, requests[0]).load)
+    predicted = sum(each.kind == "permanent" for each, _ in requests) if is_first_predicted else 0
     remark = ""
     if problem.state.features.plastic or problem.state.features.fracture:
         remark = f"; a load without equilibrium takes up to {LIMIT_LOAD_SEARCH_RATIO} times as long"

@@ -61,47 +61,47 @@ class Snapshot:
     """The state at a step n for reports: owned particles (rows) and all elements of a rank."""
 
     rows: np.ndarray
-    room: energy_check.ObservationArrays
-    subject: Any = None
+    observation: energy_check.ObservationArrays
+    observed: Any = None
 
     @property
     def velocity(self) -> np.ndarray:
         """Velocity (r, 3) [m/s]"""
-        return self.room.velocity[:, : len(self.rows)].T
+        return self.observation.velocity[:, : len(self.rows)].T
 
     @property
     def N(self) -> np.ndarray:
         """Axial force (m,) [N]"""
-        return self.room.now.N
+        return self.observation.now.N
 
     @property
     def eps(self) -> np.ndarray:
         """Strain (m,)"""
-        return self.room.now.eps
+        return self.observation.now.eps
 
     @property
     def eps_p(self) -> np.ndarray:
         """Plastic strain (m,)"""
-        return self.room.now.eps_p
+        return self.observation.now.eps_p
 
     @property
     def heat(self) -> np.ndarray:
         """Dissipated energy (m,) [J]"""
-        return self.room.heat
+        return self.observation.heat
 
     @property
     def slack(self) -> int:
         """Number of slack unbroken cables of this rank."""
-        return int(self.room.slack[0])
+        return int(self.observation.slack[0])
 
     def fits(self, state: State) -> bool:
         """Return whether the arrays of this snapshot have the size of a state."""
-        return self.room.terms.shape[1] == len(state.x)
+        return self.observation.terms.shape[1] == len(state.x)
 
     def bind(self, state: State) -> energy_check.ObservedState:
         """Refer to the arrays of a state of fitting size, as long as they stay in place."""
-        self.subject = snapshot_input(state)
-        return self.subject
+        self.observed = snapshot_input(state)
+        return self.observed
 
     def take(self, state: State, before_dt: float, dt: float, zeta: float, share: float) -> "Snapshot":
         """Compute the present step of the state.
@@ -111,7 +111,7 @@ class Snapshot:
         if len(self.rows) != state.n_local - state.n_halo:
             self.rows = state.owned_rows()
         energy_check.observe_now(
-            float(before_dt), float(dt), float(zeta), float(share), self.subject, self.room
+            float(before_dt), float(dt), float(zeta), float(share), self.observed, self.observation
         )
         return self
 
@@ -123,7 +123,7 @@ def make_snapshot(state: State) -> Snapshot:
     vectors = (3, n + LANES)
     terms = np.zeros((4 if state.other_work is None else 4 + len(OTHER_WORKS), n))
     extra_sums = bool(f.springs) + bool(f.sliding) + bool(f.detaches)
-    room = energy_check.ObservationArrays(
+    observation = energy_check.ObservationArrays(
         f_int=np.zeros(vectors),
         velocity=np.zeros(vectors),
         now=ElementState(N, eps, eps_p, L),
@@ -138,7 +138,7 @@ def make_snapshot(state: State) -> Snapshot:
         f_branches=np.zeros(vectors) if f.band else empty(f8_2),
         scratch=make_scratch(state),
     )
-    return Snapshot(np.zeros(0, np.int64), room)
+    return Snapshot(np.zeros(0, np.int64), observation)
 
 
 def snapshot_input(state: State) -> energy_check.ObservedState:
@@ -153,7 +153,7 @@ def snapshot_input(state: State) -> energy_check.ObservedState:
         state.elements,
         state.law,
         state.joints or Joints.absent(),
-        state.places or SlipPoints.absent(),
+        state.slip_points or SlipPoints.absent(),
         state.relative_wind() or RelativeWind.absent(),
         energy_check.observe.address,
         set_air_forces.address_if(f.air or f.drags),
@@ -198,7 +198,7 @@ def energies_from_sums(state: State, sums: np.ndarray) -> Energies:
 
 def total_energies(comm: MPI.Comm, state: State, snapshot: Snapshot) -> Energies:
     """Sum the energies over all ranks; the result is bitwise the same on any number of ranks. Collective."""
-    return energies_from_sums(state, round_over_ranks(comm, snapshot.room.sums.copy()))
+    return energies_from_sums(state, round_over_ranks(comm, snapshot.observation.sums.copy()))
 
 
 def rounding_energy(comm: MPI.Comm, state: State, snapshot: Snapshot, steps: int) -> float:
@@ -208,7 +208,7 @@ def rounding_energy(comm: MPI.Comm, state: State, snapshot: Snapshot, steps: int
     not. Over independent steps and particles the sum is a random walk.
     """
     rows = snapshot.rows
-    work = np.abs(snapshot.room.f_int[:, : len(rows)].T * state.x[rows])[state.free[rows] != 0]
+    work = np.abs(snapshot.observation.f_int[:, : len(rows)].T * state.x[rows])[state.free[rows] != 0]
     largest, n = comm.allreduce(work.max(initial=0.0), MPI.MAX), comm.allreduce(len(rows))
     return float(0.5 * np.finfo(float).eps * largest * np.sqrt(n * steps / 3.0))
 

@@ -31,7 +31,7 @@ from netfall.physics.slip.motion import SlipPoints, slip_energies
 from netfall.physics.supports import add_spring_forces
 from netfall.physics.targets import particle
 
-kicked, works_of_motion = particle.kicked, particle.works_of_motion
+next_v, works_of_motion = particle.next_v, particle.works_of_motion
 
 
 class ObservedState(Record):
@@ -39,7 +39,7 @@ class ObservedState(Record):
 
     n_owned, first_split : particle rows; rows : (1,) number of rows in use; traits : bits of
         `explicit.motion`
-    joints : of bending chains; places : slip points; relative : wind at detached particles
+    joints : of bending chains; slip_points : of this rank; relative : wind at detached particles
     observe and following : addresses of these routines, 0 for what the problem lacks
     """
 
@@ -51,7 +51,7 @@ class ObservedState(Record):
     elements: Elements
     law: LawParameters
     joints: Joints
-    places: SlipPoints
+    slip_points: SlipPoints
     relative: RelativeWind
     observe: whole
     set_air_forces: whole
@@ -95,7 +95,7 @@ def particle_energies(
     last: int,
     before: int,
     part: float,
-    kick_dt: float,
+    dt_v: float,
     zeta: float,
     share: float,
     observed: ObservedState,
@@ -112,8 +112,8 @@ def particle_energies(
         for k in range(3):
             for p in range(low, high):
                 scratch.f[k, p - low] = observation.f_int[k, p]
-        total_forces(low, high, 0, kick_dt, zeta, share, observed.traits, particles.x, particles, scratch)
-        span_energies(low, high, before, part, kick_dt, zeta, observed, observation, scratch)
+        total_forces(low, high, 0, dt_v, zeta, share, observed.traits, particles.x, particles, scratch)
+        span_energies(low, high, before, part, dt_v, zeta, observed, observation, scratch)
 
 
 @copied_kernel
@@ -122,7 +122,7 @@ def span_energies(
     high: int,
     before: int,
     part: float,
-    kick_dt: float,
+    dt_v: float,
     zeta: float,
     observed: ObservedState,
     observation: ObservationArrays,
@@ -130,8 +130,8 @@ def span_energies(
 ) -> None:
     """Compute velocity and energy terms of particles low to high, whose forces are in the scratch."""
     particles, velocity, terms = observed.particles, observation.velocity, observation.terms
-    h = 0.5 * zeta * kick_dt
-    c_v, c_a, duration, end = (1.0 - h) / (1.0 + h), kick_dt / (1.0 + h), part * kick_dt, high - before
+    h = 0.5 * zeta * dt_v
+    c_v, c_a, duration, end = (1.0 - h) / (1.0 + h), dt_v / (1.0 + h), part * dt_v, high - before
     ground, other = is_present(particles.ground), particles.other_work
     for p in range(low, high, LANES):
         i, row, mass = p - low, p - before, load(particles.mass, 0, p)
@@ -149,7 +149,7 @@ def span_energies(
             total = free_force(k, p, i, scratch.total, along, particles)
             free = load_mask(particles.free, k, p)
             fixed = load(particles.ground, k, p) if ground else old
-            new = where(free, kicked(old, total * per_mass, c_v, c_a), fixed)
+            new = where(free, next_v(old, total * per_mass, c_v, c_a), fixed)
             now, mean = fma(part, new - old, old), 0.5 * (old + new)
             path, v_sum = duration * (0.5 * (old + now)), old + now
             damped = damped_mass(p, particles)
@@ -245,20 +245,20 @@ def add_rare_energies(owned: int, observed: ObservedState, observation: Observat
 
 @routine(real, real, real, ObservedState, ObservationArrays)
 def add_slip_energies(
-    part: float, kick_dt: float, share: float, observed: ObservedState, observation: ObservationArrays
+    part: float, dt_v: float, share: float, observed: ObservedState, observation: ObservationArrays
 ) -> int:
     """Add the slip energies of this rank to the sums, and the heat of friction to the last of them."""
-    places, particles, sums = observed.places, observed.particles, observation.sums
+    points, particles, sums = observed.slip_points, observed.particles, observation.sums
     previous = np.int64(-1)
-    for i in range(places.node.shape[0]):
+    for i in range(points.node.shape[0]):
         kinetic, external, internal, heat = slip_energies(
-            i, part, kick_dt, share, places, particles, observed.elements, observed.law
+            i, part, dt_v, share, points, particles, observed.elements, observed.law
         )
         add_term(kinetic, sums[0])
-        if is_present(particles.detached) and not particles.detached[places.node[i]]:
+        if is_present(particles.detached) and not particles.detached[points.node[i]]:
             add_term(kinetic, sums[-2])
         if is_present(particles.slip_work):
-            p = places.node[i]
+            p = points.node[i]
             if p != previous:  # once for all cables at the node
                 add_term(particles.slip_work[0, p], sums[2])
                 add_term(-particles.slip_work[1, p], sums[3])
@@ -331,11 +331,11 @@ def observe(
         return 0
     heat, terms, stored, sums = observation.heat, observation.terms, observation.stored, observation.sums
     owned = observed.n_owned + observed.rows[0] - observed.first_split
-    part, kick_dt = before_dt / (before_dt + dt), 0.5 * (before_dt + dt)
+    part, dt_v = before_dt / (before_dt + dt), 0.5 * (before_dt + dt)
     if observed.set_air_forces != 0:
-        call(observed.set_air_forces, (kick_dt, zeta, share, 1, observed.relative, particles))
+        call(observed.set_air_forces, (dt_v, zeta, share, 1, observed.relative, particles))
     for first, last, before in owned_spans(observed):
-        particle_energies(first, last, before, part, kick_dt, zeta, share, observed, observation)
+        particle_energies(first, last, before, part, dt_v, zeta, share, observed, observation)
     for e in range(now.N.shape[0]):
         stored[e], heat[e] = element_energies_at(e, elements, now, law)
     sums[:] = 0
@@ -350,7 +350,7 @@ def observe(
     if observed.add_rare_energies != 0:
         call(observed.add_rare_energies, (owned, observed, observation))
     if observed.add_slip_energies != 0:
-        call(observed.add_slip_energies, (part, kick_dt, share, observed, observation))
+        call(observed.add_slip_energies, (part, dt_v, share, observed, observation))
     observation.slack[0] = count_slack(now, elements)
     return 0
 

@@ -64,15 +64,15 @@ def copy_to_slots(element: IntArray, values: AnyArray, slot: AnyArray) -> None:
 
 @copied_kernel
 def update_slip_lengths(
-    places: SlipPoints, n_owned: int, first_split: int, particles: Particles, elements: Elements, slots: Slots
+    points: SlipPoints, n_owned: int, first_split: int, particles: Particles, elements: Elements, slots: Slots
 ) -> None:
-    """Update unstressed lengths, also in slots, after slips moved. places : `slip.motion.SlipPoints`"""
-    for g in range(places.start.shape[0] - 1):
-        first = places.element[places.start[g]]
-        if not has_moved(first, particles, elements) or not is_whole(g, places, elements):
+    """Update unstressed lengths, also in slots, after slips moved. points : `slip.motion.SlipPoints`"""
+    for g in range(points.start.shape[0] - 1):
+        first = points.element[points.start[g]]
+        if not has_moved(first, particles, elements) or not is_whole(g, points, elements):
             continue
-        for j in range(places.start[g], places.start[g + 1]):
-            e = places.element[j]
+        for j in range(points.start[g], points.start[g + 1]):
+            e = points.element[j]
             elements.L0[e] = slipped_length(e, particles.slip, elements)
             for end in range(2):
                 p = np.int64(elements.ends[e, end])

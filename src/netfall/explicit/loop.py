@@ -128,7 +128,7 @@ class LoopState(Record):
     fractures: Fractures
     breaks: whole
     bends: Joints
-    places: SlipPoints
+    slip_points: SlipPoints
     ground: Ground
     relative: RelativeWind
     rows: Rows
@@ -198,9 +198,9 @@ def move_supports(
 def shift_slips(dt: float, work: LoopState) -> int:
     """Update slips and the unstressed lengths that follow from them to n + 1."""
     n_owned = work.chunks.n_owned
-    update_slips(dt, work.places, work.particles)
+    update_slips(dt, work.slip_points, work.particles)
     update_slip_lengths(
-        work.places, n_owned, n_owned + work.chunks.n_halo, work.particles, work.elements, work.slots
+        work.slip_points, n_owned, n_owned + work.chunks.n_halo, work.particles, work.elements, work.slots
     )
     return 0
 
@@ -236,7 +236,7 @@ def send_forces(work: LoopState) -> int:
 
 
 @routine(whole, whole, real, real, real, LoopState)
-def receive_forces(buffer: int, turned: int, kick_dt: float, zeta: float, dt: float, work: LoopState) -> int:
+def receive_forces(buffer: int, turned: int, dt_v: float, zeta: float, dt: float, work: LoopState) -> int:
     """Wait for the total forces of the halo particles, and step these; return MPI's error code.
 
     buffer : place of the buffer, from `halo.current_buffer` before the step; turned : as in `step_particles`
@@ -249,7 +249,7 @@ def receive_forces(buffer: int, turned: int, kick_dt: float, zeta: float, dt: fl
         return error
     x, y = both_positions(turned, work)
     halo.unpack_forces(n_owned, particles, buffer, buffers)
-    advance_halo(n_owned, n_owned + work.chunks.n_halo, work.traits, kick_dt, zeta, dt, x, y, particles)
+    advance_halo(n_owned, n_owned + work.chunks.n_halo, work.traits, dt_v, zeta, dt, x, y, particles)
     add_lap(work.seconds, INTEGRATION, lap_start, buffers)
     return 0
 
@@ -308,14 +308,14 @@ def chunk_forces(c: int, turned: int, work: LoopState) -> int:
 
 @routine(whole, whole, whole, real, real, real, real, LoopState)
 def move_plain(
-    c: int, keeps: int, turned: int, kick_dt: float, zeta: float, share: float, dt: float, work: LoopState
+    c: int, keeps: int, turned: int, dt_v: float, zeta: float, share: float, dt: float, work: LoopState
 ) -> int:
     """Update velocities and positions of chunk c under only element forces, loads and wind.
 
     keeps : whether the total forces [N] are written to particles.f
     """
     low, high, (x, y) = work.chunks.low[c], work.chunks.high[c], both_positions(turned, work)
-    remainder, times = (high - low) % LANES, (kick_dt, zeta, share, dt)
+    remainder, times = (high - low) % LANES, (dt_v, zeta, share, dt)
     common = keeps != 0, work.traits, times, x, y, work.particles, work.scratch
     for p in range(low, high - remainder, LANES):
         move_vector(p, high, True, p - low, *common)
@@ -326,20 +326,20 @@ def move_plain(
 
 @routine(whole, whole, whole, real, real, real, real, LoopState)
 def move_any(
-    c: int, keeps: int, turned: int, kick_dt: float, zeta: float, share: float, dt: float, work: LoopState
+    c: int, keeps: int, turned: int, dt_v: float, zeta: float, share: float, dt: float, work: LoopState
 ) -> int:
     """Compute `move_plain` for any forces and supports."""
     particles, scratch, traits = work.particles, work.scratch, work.traits
     low, high, (x, y) = work.chunks.low[c], work.chunks.high[c], both_positions(turned, work)
-    total_forces(low, high, 1, kick_dt, zeta, share, traits, x, particles, scratch)
+    total_forces(low, high, 1, dt_v, zeta, share, traits, x, particles, scratch)
     if keeps:
         store_totals(low, high, particles, scratch)
-    update_velocities(low, high, traits, kick_dt, zeta, dt, x, y, particles, scratch)
+    update_velocities(low, high, traits, dt_v, zeta, dt, x, y, particles, scratch)
     return 0
 
 
 @inner_kernel
-def step_particles(turned: int, kick_dt: float, zeta: float, share: float, dt: float, work: LoopState) -> int:
+def step_particles(turned: int, dt_v: float, zeta: float, share: float, dt: float, work: LoopState) -> int:
     """Step the owned particles and send the boundary forces; return the number of breaking elements.
 
     A negative result is minus MPI's error code.
@@ -353,7 +353,7 @@ def step_particles(turned: int, kick_dt: float, zeta: float, share: float, dt: f
             continue
         at_limit = chunk_forces(c, turned, work)
         keeps_forces = int(at_limit != 0 or c < chunks.boundary)
-        call(work.move_chunk, (c, keeps_forces, turned, kick_dt, zeta, share, dt, work))
+        call(work.move_chunk, (c, keeps_forces, turned, dt_v, zeta, share, dt, work))
         if at_limit != 0:
             count = check_limits(c, count, x, work)
         if c == chunks.boundary - 1:
@@ -393,23 +393,23 @@ def advance_step(
     before_dt, dt : [s] the steps before and after; share : position between two load samples, 0 to 1
     changed : whether the length of the velocity update, or a mass, differs from the step before
     """
-    particles, law, kick_dt = work.particles, work.law, 0.5 * (before_dt + dt)
+    particles, law, dt_v = work.particles, work.law, 0.5 * (before_dt + dt)
     if is_present(law.branches):
         call(work.set_branch_factors, (before_dt, dt, law))
     if work.set_air_forces != 0:
-        call(work.set_air_forces, (kick_dt, zeta, share, changed, work.relative, particles))
+        call(work.set_air_forces, (dt_v, zeta, share, changed, work.relative, particles))
     if is_present(work.bends.stiffness):
         call(work.bend_joints, (work.bends, particles))
-    if is_present(work.places.node):
-        slip_arguments = n * dt, kick_dt, share, work.places, particles, work.elements, law
+    if is_present(work.slip_points.node):
+        slip_arguments = n * dt, dt_v, share, work.slip_points, particles, work.elements, law
         call(work.update_slip_velocities, slip_arguments)
     buffer = halo.current_buffer(work.buffers)
-    count = step_particles(in_second, kick_dt, zeta, share, dt, work)
+    count = step_particles(in_second, dt_v, zeta, share, dt, work)
     if count >= 0 and work.receive_forces != 0:
-        error = call(work.receive_forces, (buffer, in_second, kick_dt, zeta, dt, work))
+        error = call(work.receive_forces, (buffer, in_second, dt_v, zeta, dt, work))
         if error != 0:
             return -error
-    if count >= 0 and is_present(work.places.node):
+    if count >= 0 and is_present(work.slip_points.node):
         lap_start = add_lap(work.seconds, NOTHING, 0.0, work.buffers)
         call(work.shift_slips, (dt, work))
         add_lap(work.seconds, INTEGRATION, lap_start, work.buffers)
@@ -425,9 +425,9 @@ def time_loop(interval: Interval, work: LoopState) -> tuple[int, int, int]:
     does.
     """
     first, steps, before_dt, dt, zeta, sample_time, sample_dt, stride, trial, pending, only_row = interval
-    needs_first = is_present(work.bends.stiffness) or is_present(work.places.node)
+    needs_first = is_present(work.bends.stiffness) or is_present(work.slip_points.node)
     in_second = False  # whether x(n) is in the second array
-    result, kicked_dt = 0, -1.0  # kicked_dt: length of the last velocity update, if nothing broke
+    result, last_dt_v = 0, -1.0  # s, length of the last velocity update; -1: none, or masses changed since
     if pending > 0:
         call(work.break_pending, (pending, 0, first - 1, dt, stride, work))
     for s in range(max(steps, int(only_row))):
@@ -445,12 +445,12 @@ def time_loop(interval: Interval, work: LoopState) -> tuple[int, int, int]:
         if only_row:
             break
         # computed from the step number alone, so that restarts give the same bits
-        share, kick_dt = (n * dt - sample_time) / sample_dt, 0.5 * (before_dt + dt)
-        changed = int(kick_dt != kicked_dt)
+        share, dt_v = (n * dt - sample_time) / sample_dt, 0.5 * (before_dt + dt)
+        changed = int(dt_v != last_dt_v)
         count = advance_step(n, int(in_second), before_dt, dt, zeta, share, changed, work)
         if count < 0:
             return s, 0, -count
-        before_dt, kicked_dt, in_second = dt, kick_dt, not in_second
+        before_dt, last_dt_v, in_second = dt, dt_v, not in_second
         if count > 0 and trial:
             result = s + 1 if result == 0 else result
         elif count > 0:
@@ -458,7 +458,7 @@ def time_loop(interval: Interval, work: LoopState) -> tuple[int, int, int]:
                 return_positions(in_second, work)
                 return s + 1, count, 0
             call(work.break_pending, (count, int(in_second), n, dt, stride, work))
-            kicked_dt = -1.0  # masses have changed
+            last_dt_v = -1.0  # masses have changed
     return_positions(in_second, work)
     exceeds = trial and result == 0 and work.breaks != 0
     if exceeds and any_exceeds_fracture_strain(work.particles.x, work.elements, work.law):

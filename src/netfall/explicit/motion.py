@@ -26,7 +26,7 @@ from netfall.physics.fields import Particles
 from netfall.physics.targets import particle
 
 HORIZONTAL_LOAD, PARTLY_FIXED = 1, 2  # feature bits of a rank, set by `plan.feature_bits`
-between, kicked, moved = particle.between, particle.kicked, particle.moved
+between, next_v, next_x = particle.between, particle.next_v, particle.next_x
 works_of_motion = particle.works_of_motion
 
 
@@ -67,7 +67,7 @@ def total_forces(
     low: int,
     high: int,
     with_supports: int,
-    kick_dt: float,
+    dt_v: float,
     zeta: float,
     share: float,
     traits: int,
@@ -79,7 +79,7 @@ def total_forces(
 
     with_supports : 1 if f still lacks the forces of bending chains and elastic supports, otherwise 0; numba
         would compile the function twice for True and False
-    kick_dt : [s] length of the velocity update; share : position between two samples of the loads
+    dt_v : [s] length of the velocity update; share : position between two samples of the loads
     """
     f = scratch.f
     for p in range(low, high, LANES):
@@ -109,7 +109,7 @@ def total_forces(
             store(f, k, i, f_int)
             store(scratch.external, k, i, f_ext)
             store(scratch.total, k, i, total)
-        half = 0.5 * kick_dt * load(particles.per_mass, 0, p)
+        half = 0.5 * dt_v * load(particles.per_mass, 0, p)
         if is_present(particles.air):
             add_air_damping(p, i, half, share, particles, scratch)
         if is_present(particles.air_mass):
@@ -186,7 +186,7 @@ def new_velocity(
     particles: Particles,
 ) -> Lanes:
     """Return updated velocities [m/s] along axis k under total forces [N]; held axes follow the ground."""
-    new = kicked(old, total * per_mass, c_v, c_a)
+    new = next_v(old, total * per_mass, c_v, c_a)
     if traits & PARTLY_FIXED:
         fixed_velocity = old
         if is_present(particles.ground):
@@ -222,7 +222,7 @@ def update_velocities(
     low: int,
     high: int,
     traits: int,
-    kick_dt: float,
+    dt_v: float,
     zeta: float,
     dt: float,
     x: FloatArray,
@@ -231,8 +231,8 @@ def update_velocities(
     scratch: Scratch,
 ) -> None:
     """Update velocities and works of particles low to high from the scratch forces; move them from x to y."""
-    h = 0.5 * zeta * kick_dt
-    c_v, c_a, half, quarter = (1.0 - h) / (1.0 + h), kick_dt / (1.0 + h), 0.5 * kick_dt, 0.25 * kick_dt * zeta
+    h = 0.5 * zeta * dt_v
+    c_v, c_a, half, quarter = (1.0 - h) / (1.0 + h), dt_v / (1.0 + h), 0.5 * dt_v, 0.25 * dt_v * zeta
     v, work, other = particles.v, particles.work, particles.other_work
     energy, ground = is_present(particles.work), is_present(particles.ground)
     air, band = is_present(particles.air), is_present(scratch.band)
@@ -253,20 +253,20 @@ def update_velocities(
                 air_work = fma(load(particles.air, k, p), v_sum, air_work)
             if ground and energy:
                 free = load_mask(particles.free, k, p)
-                path, v_ground = 0.5 * kick_dt * v_sum, load(particles.ground, k, p)
+                path, v_ground = 0.5 * dt_v * v_sum, load(particles.ground, k, p)
                 mass, damped = load(particles.mass, 0, p), damped_mass(p, particles)
                 f_damp, path_rel, dE_kin = works_of_motion(
-                    mass, damped, zeta, v_ground, old, new, v_sum, kick_dt
+                    mass, damped, zeta, v_ground, old, new, v_sum, dt_v
                 )
                 store_below(p, high, work, 0, fma(path, f_ext, load(work, 0, p)))
                 store_below(p, high, work, 1, fma(path, f_int, load(work, 1, p)))
                 damping, support = load(work, 2, p), load(other, 2, p)
                 store_below(p, high, work, 2, where(free, fma(f_damp, path_rel, damping), damping))
                 fixed = fma(-path, f_ext + f_int, dE_kin) + support
-                drawn = fma(-f_damp * kick_dt, v_ground, support)
+                drawn = fma(-f_damp * dt_v, v_ground, support)
                 store_below(p, high, other, 2, where(free, drawn, fixed))
             store_below(p, high, v, k, new)
-            store_below(p, high, y, k, moved(load(x, k, p), new, dt))
+            store_below(p, high, y, k, next_x(load(x, k, p), new, dt))
         if energy and not ground:
             add_works(p, high, half, quarter, external, internal, square, particles)
         if energy and band:
@@ -294,11 +294,11 @@ def move_vector(
 
     is_full : whether all LANES of them are below high
     keeps : whether the total forces [N] are written to particles.f
-    times : kick_dt [s], zeta [1/s], share, dt [s], as there
+    times : dt_v [s], zeta [1/s], share, dt [s], as there
     """
-    kick_dt, zeta, share, dt = times
-    h = 0.5 * zeta * kick_dt
-    c_v, c_a, half, quarter = (1.0 - h) / (1.0 + h), kick_dt / (1.0 + h), 0.5 * kick_dt, 0.25 * kick_dt * zeta
+    dt_v, zeta, share, dt = times
+    h = 0.5 * zeta * dt_v
+    c_v, c_a, half, quarter = (1.0 - h) / (1.0 + h), dt_v / (1.0 + h), 0.5 * dt_v, 0.25 * dt_v * zeta
     v, per_mass, square = particles.v, load(particles.per_mass, 0, p), squared_speed(p, share, particles)
     external, internal, squares, energy = zeros(), zeros(), zeros(), is_present(particles.work)
     for k in range(3):
@@ -308,12 +308,12 @@ def move_vector(
             f_ext = fma(load_at(particles.wind, at), square, f_ext)
         if keeps:
             store_below(p, high, particles.f, k, f_int + f_ext)
-        new = kicked(old, (f_int + f_ext) * per_mass, c_v, c_a)
+        new = next_v(old, (f_int + f_ext) * per_mass, c_v, c_a)
         if energy:
             v_sum = old + new
             external, internal = fma(v_sum, f_ext, external), fma(v_sum, f_int, internal)
             squares = fma(v_sum, v_sum, squares)
-        position = moved(load_at(x, at), new, dt)
+        position = next_x(load_at(x, at), new, dt)
         if is_full:
             store_at(v, at, new)
             store_at(y, at, position)
@@ -329,7 +329,7 @@ def advance_halo(
     low: int,
     high: int,
     traits: int,
-    kick_dt: float,
+    dt_v: float,
     zeta: float,
     dt: float,
     x: FloatArray,
@@ -337,12 +337,12 @@ def advance_halo(
     particles: Particles,
 ) -> None:
     """Update velocities and positions of halo particles low to high from the total forces of their owners."""
-    h = 0.5 * zeta * kick_dt
-    c_v, c_a, v = (1.0 - h) / (1.0 + h), kick_dt / (1.0 + h), particles.v
+    h = 0.5 * zeta * dt_v
+    c_v, c_a, v = (1.0 - h) / (1.0 + h), dt_v / (1.0 + h), particles.v
     for p in range(low, high, LANES):
         per_mass, along = load(particles.per_mass, 0, p), force_along_guides(p, p, particles.f, particles)
         for k in range(3):
             total = free_force(k, p, p, particles.f, along, particles)
             new = new_velocity(k, p, load(v, k, p), total, per_mass, c_v, c_a, traits, particles)
             store_below(p, high, v, k, new)
-            store_below(p, high, y, k, moved(load(x, k, p), new, dt))
+            store_below(p, high, y, k, next_x(load(x, k, p), new, dt))

@@ -84,12 +84,12 @@ class StepPlan:
         rules: FractureRules | None = None,
         rows: Any | None = None,
         ground: Ground | None = None,
-        room: int = 0,
+        capacity: int = 0,
     ):
         """Divide the owned particles into chunks and build the arguments.
 
         rules : of fractures; None: nothing breaks; rows : as `explicit.rows.RowTable`, None: no history
-        ground : only if supports move; room : number of fractures for which there is capacity from the start
+        ground : only if supports move; capacity : number of fractures that fit without new arrays
         """
         boundary = min(-(-halo.boundary // LANES) * LANES, state.n_owned)  # a vector lies in one chunk
         before, after = np.arange(0, boundary, CHUNK), np.arange(boundary, state.n_owned, CHUNK)
@@ -101,9 +101,9 @@ class StepPlan:
         self._width = np.zeros(len(self._low), np.int64)
         chunk = np.searchsorted(self._low, np.arange(state.n_owned), side="right") - 1
         np.maximum.at(self._width, chunk, valence)
-        if room and state.features.fragments:
-            state.reserve(2 * room)
-        self.events = allocate_events(2 * room)
+        if capacity and state.features.fragments:
+            state.reserve(2 * capacity)
+        self.events = allocate_events(2 * capacity)
         self._attach(state)
 
     def attach(self, state: State) -> None:
@@ -140,7 +140,7 @@ class StepPlan:
             fractures=self._fractures(state),
             breaks=f.fracture,
             bends=state.joints or Joints.absent(),
-            places=state.places or SlipPoints.absent(),
+            slip_points=state.slip_points or SlipPoints.absent(),
             ground=self.ground or Ground.absent(),
             relative=state.relative_wind() or RelativeWind.absent(),
             rows=self.rows.of(state) if self.rows else no_rows(),
@@ -198,7 +198,7 @@ class StepPlan:
     def take_rows(self) -> Table:
         """Remove the rows so far from the table, and return them. Only with a history."""
         assert self.rows is not None
-        return self.rows.take_up()
+        return self.rows.take_rows()
 
     @property
     def event_count(self) -> int:
@@ -235,7 +235,7 @@ class StepPlan:
         moving = STEPPED_FIELDS + SLIDING_FIELDS if self.state.features.sliding else STEPPED_FIELDS
         saved = {name: getattr(self.state, name) for name in moving}
         saved = {name: array.copy(order="K") for name, array in saved.items() if array is not None}
-        rows = self.rows and self.rows.keep()
+        rows = self.rows and self.rows.copies()
         done, tried, error = self._steps(interval, seconds)
         check(error)
         self.before = saved, rows
@@ -254,4 +254,4 @@ class StepPlan:
         for name, array in moving.items():
             getattr(self.state, name)[:] = array
         if self.rows:
-            self.rows.put_back(rows)
+            self.rows.restore(rows)

@@ -52,7 +52,7 @@ class DynamicEnvelope:
         self.displacement[0] = -1.0
         self.moment = np.full(len(subdomain.element_gid), np.nan) if state.joints is not None else None
 
-    def take_in(self, time: float, state: State) -> None:
+    def include_extremes(self, time: float, state: State) -> None:
         """Include the extremes of all steps so far, at a time [s], if the state records them."""
         if state.highest is not None:
             update_tension_envelope(time, state.highest, state.elements.lowest, self.tension)
@@ -118,7 +118,7 @@ class RowTable:
 
         due : (rows,) step numbers of all rows; dt : [s] time step by which rows are counted
         every : after so many steps without a row or an update, the envelope is updated
-        slips : global number of each of the rank's `State.places`, and their count; None: no sliding cables
+        slips : global numbers of `State.slip_points`, and count of all slip points; None: no sliding cables
         """
         subdomain = envelope.distribution.subdomain
         self.due, self.dt, self.gid, self.envelope = due, dt, subdomain.element_gid, envelope
@@ -130,7 +130,7 @@ class RowTable:
             self.local = self.local.with_values(slip=values + number, difference=values + count + number)
             values += 2 * count
         self.snapshot = make_snapshot(state)
-        sums = len(self.snapshot.room.sums)
+        sums = len(self.snapshot.observation.sums)
         self.table = Table(
             np.zeros(k, np.int64),
             np.zeros(k),
@@ -161,8 +161,8 @@ class RowTable:
             joint_at=empty(i8_2) if state.joint_at is None else state.joint_at,
             local=self.local,
             table=self.table,
-            subject=self.snapshot.bind(state),
-            room=self.snapshot.room,
+            observed=self.snapshot.bind(state),
+            observation=self.snapshot.observation,
         )
 
     def is_due(self, number: int) -> bool:
@@ -182,18 +182,18 @@ class RowTable:
         """Whether the table cannot hold another row."""
         return self.made[1] == MOST_ROWS
 
-    def take_up(self) -> Table:
+    def take_rows(self) -> Table:
         """Remove the rows so far from the table, and return them. The next steps overwrite the arrays."""
         k = int(self.made[1])
         self.made[1] = 0
         return Table(*(getattr(self.table, name)[:k] for name in self.table.kind.fields))
 
-    def keep(self) -> tuple[Any, ...]:
-        """Return copies for `put_back`, if the following steps have to be undone."""
+    def copies(self) -> tuple[Any, ...]:
+        """Return copies for `restore`, if the following steps have to be undone."""
         return tuple(array.copy() for array in self._mutable_arrays())
 
-    def put_back(self, copies: tuple[Any, ...]) -> None:
-        """Restore the rows from copies of `keep`."""
+    def restore(self, copies: tuple[Any, ...]) -> None:
+        """Restore the rows from copies of `copies`."""
         for array, before in zip(self._mutable_arrays(), copies):
             array[:] = before
 

@@ -88,8 +88,8 @@ class Rows(Record):
     joint_at: i8_2
     local: LocalProbes
     table: Table
-    subject: ObservedState
-    room: ObservationArrays
+    observed: ObservedState
+    observation: ObservationArrays
 
 
 def no_rows() -> Rows:
@@ -122,12 +122,12 @@ def make_row(
     """
     due = has_row(number, rows)
     share = (number * rows.dt - sample_time) / sample_dt
-    call(rows.subject.observe, (before_dt, dt, zeta, share, int(due), rows.subject, rows.room))
+    call(rows.observed.observe, (before_dt, dt, zeta, share, int(due), rows.observed, rows.observation))
     update_envelope(number, share, rows)
     if not due:
         return 0
-    made, table, k, sums = rows.made, rows.table, rows.made[1], rows.room.sums
-    table.number[k], table.slack[k] = number, rows.room.slack[0]
+    made, table, k, sums = rows.made, rows.table, rows.made[1], rows.observation.sums
+    table.number[k], table.slack[k] = number, rows.observation.slack[0]
     table.time_step[k] = before_dt if before_dt > 0.0 else dt
     for i in range(sums.shape[0]):
         for j in range(sums.shape[1]):
@@ -149,12 +149,12 @@ def update_envelope(number: int, share: float, rows: Rows) -> None:
     time = number * rows.dt
     since = time - rows.last[0] * rows.dt
     rows.last[0] = number
-    tension, elements = rows.tension, rows.subject.elements
+    tension, elements = rows.tension, rows.observed.elements
     for e in range(tension.shape[1]):
         update_element_envelope(e, time, since, rows)
     for p in range(rows.displacement.shape[1]):
         update_particle_envelope(p, time, rows)
-    scratch, f_int = rows.room.scratch, rows.room.f_int
+    scratch, f_int = rows.observation.scratch, rows.observation.f_int
     for i in range(rows.supports.shape[0]):
         for k in range(3):
             scratch.f[k, 0] = f_int[k, rows.supports[i]]
@@ -168,7 +168,7 @@ def update_envelope(number: int, share: float, rows: Rows) -> None:
 @part_of_kernel
 def update_element_envelope(e: int, time: float, since: float, rows: Rows) -> None:
     """Include the axial force of element e at a time [s]; since : [s] from the last update"""
-    tension, N, elements = rows.tension, rows.room.now.N, rows.subject.elements
+    tension, N, elements = rows.tension, rows.observation.now.N, rows.observed.elements
     if N[e] > tension[0, e]:
         tension[0, e], tension[1, e] = N[e], time
     tension[2, e] = min(tension[2, e], N[e])
@@ -179,7 +179,7 @@ def update_element_envelope(e: int, time: float, since: float, rows: Rows) -> No
 @part_of_kernel
 def update_particle_envelope(p: int, time: float, rows: Rows) -> None:
     """Include the displacement of particle p at a time [s]."""
-    x, start, displacement = rows.subject.particles.x, rows.subject.particles.x_start, rows.displacement
+    x, start, displacement = rows.observed.particles.x, rows.observed.particles.x_start, rows.displacement
     dx, dy, dz = x[0, p] - start[0, p], x[1, p] - start[1, p], x[2, p] - start[2, p]
     u = math.sqrt(dx * dx + dy * dy + dz * dz)
     if u > displacement[0, p]:
@@ -192,9 +192,9 @@ def update_reaction_envelope(i: int, time: float, share: float, rows: Rows, scra
 
     share : position between two samples of the loads; scratch.f : (3, ...) internal forces [N] on it
     """
-    p, subject, reaction = rows.supports[i], rows.subject, rows.reaction
-    particles, x, f, external = subject.particles, subject.particles.x, scratch.f, scratch.external
-    total_forces(p, p + 1, 0, 0.0, 0.0, share, subject.traits, x, particles, scratch)
+    p, observed, reaction = rows.supports[i], rows.observed, rows.reaction
+    particles, x, f, external = observed.particles, observed.particles.x, scratch.f, scratch.external
+    total_forces(p, p + 1, 0, 0.0, 0.0, share, observed.traits, x, particles, scratch)
     turned, along, square = is_present(particles.turned), 0.0, 0.0
     if turned:
         nx, ny = particles.turned[0, p], particles.turned[1, p]
@@ -242,12 +242,12 @@ def update_tension_envelope_at(
 @routine(Rows)
 def update_moments(rows: Rows) -> int:
     """Update the envelope of bending moments [N m] at element ends; the moment is 0 at the end of a chain."""
-    joints, joint_at, moment = rows.subject.joints, rows.joint_at, rows.moment
+    joints, joint_at, moment = rows.observed.joints, rows.joint_at, rows.moment
     for e in range(moment.shape[0]):
         for end in range(2):
             k = joint_at[e, end]
             if k != NO_BENDING:
-                magnitude = 0.0 if k < 0 else joint_moment(rows.subject.particles.x.T, joints, k)
+                magnitude = 0.0 if k < 0 else joint_moment(rows.observed.particles.x.T, joints, k)
                 if magnitude > moment[e] or math.isnan(moment[e]):
                     moment[e] = magnitude
     return 0
@@ -256,15 +256,15 @@ def update_moments(rows: Rows) -> int:
 @copied_kernel
 def read_probes(rows: Rows, values: FloatArray) -> None:
     """Write displacements [m] and tensions [N] of the probes of this rank into one row of values."""
-    local, x, start = rows.local, rows.subject.particles.x, rows.subject.particles.x_start
+    local, x, start = rows.local, rows.observed.particles.x, rows.observed.particles.x_start
     for i in range(local.particle.shape[0]):
         p, column = local.particle[i], local.particle_place[i]
         for k in range(3):
             values[column + k] = x[k, p] - start[k, p] + 0.0  # no negative zeros
     for i in range(local.element.shape[0]):
         e = local.element[i]
-        N = rows.room.now.N[e] + 0.0
-        values[local.element_place[i]] = N if rows.subject.elements.owned[e] else 0.0
+        N = rows.observation.now.N[e] + 0.0
+        values[local.element_place[i]] = N if rows.observed.elements.owned[e] else 0.0
     if is_present(local.slip):
         read_slips(rows, values)
 
@@ -275,12 +275,12 @@ def read_slips(rows: Rows, values: FloatArray) -> None:
 
     Broken elements count as 0.
     """
-    places, broken, N = rows.subject.places, rows.subject.elements.broken, rows.room.now.N
-    for i in range(places.node.shape[0]):
-        before, after = places.before[i], places.after[i]
+    points, broken, N = rows.observed.slip_points, rows.observed.elements.broken, rows.observation.now.N
+    for i in range(points.node.shape[0]):
+        before, after = points.before[i], points.after[i]
         T_before = N[before] if broken[before] == 0 else 0.0
         T_after = N[after] if broken[after] == 0 else 0.0
-        values[rows.local.slip[i]] = rows.subject.particles.slip[places.column[i], places.node[i]] + 0.0
+        values[rows.local.slip[i]] = rows.observed.particles.slip[points.column[i], points.node[i]] + 0.0
         values[rows.local.difference[i]] = T_after - T_before + 0.0
 
 
@@ -293,10 +293,10 @@ def bit_magnitude(bits: Integer) -> float:
 @copied_kernel
 def find_fastest(rows: Rows, size: FloatArray, who: IntArray) -> None:
     """Write the largest speed along an axis of the movable particles, and its particle, to place 0."""
-    subject, velocity, free = rows.subject, rows.room.velocity, rows.subject.particles.free
-    halo, best, fastest = subject.first_split - subject.n_owned, np.int64(-1), np.int64(-1)
-    for i in range(subject.rows[0] - halo):
-        p = i if i < subject.n_owned else i + halo
+    observed, velocity, free = rows.observed, rows.observation.velocity, rows.observed.particles.free
+    halo, best, fastest = observed.first_split - observed.n_owned, np.int64(-1), np.int64(-1)
+    for i in range(observed.rows[0] - halo):
+        p = i if i < observed.n_owned else i + halo
         bits = np.int64(0)
         for k in range(3):
             bits = max(bits, bits_of(velocity[k, i]) & SIZE)
@@ -304,13 +304,13 @@ def find_fastest(rows: Rows, size: FloatArray, who: IntArray) -> None:
             best, fastest = bits, p
     size[0], who[0] = -1.0, -1
     if fastest >= 0:
-        size[0], who[0] = bit_magnitude(best), subject.particles.gid[fastest]
+        size[0], who[0] = bit_magnitude(best), observed.particles.gid[fastest]
 
 
 @copied_kernel
 def find_most_strained(rows: Rows, size: FloatArray, who: IntArray) -> None:
     """Write the largest strain and its element to place 1; that of elements that never break to place 2."""
-    eps, best, element = rows.room.now.eps, np.int64(-1), np.int64(-1)
+    eps, best, element = rows.observation.now.eps, np.int64(-1), np.int64(-1)
     for e in range(eps.shape[0]):
         bits = bits_of(eps[e]) & SIZE
         if bits > best:
@@ -319,7 +319,7 @@ def find_most_strained(rows: Rows, size: FloatArray, who: IntArray) -> None:
     if element >= 0:
         size[1], who[1] = bit_magnitude(best), rows.element_gid[element]
     if size[1] > REPORTED_STRAIN:
-        element = most_strained_unbreakable(rows.subject.elements, rows.room.now)
+        element = most_strained_unbreakable(rows.observed.elements, rows.observation.now)
         if element >= 0:
             size[2], who[2] = abs(eps[element]), rows.element_gid[element]
 

@@ -87,18 +87,18 @@ def step_particle(
 ) -> None:
     """Advance particle p from x to y, and list its elements that reach their fracture strain.
 
-    width : largest number of its elements; moment : kick_dt [s], share, dt [s], zeta [1/s] of the step
+    width : largest number of its elements; moment : dt_v [s], share, dt [s], zeta [1/s] of the step
     count : (1,) number of listed elements; work : `Work`
     """
-    kick_dt, share, dt, zeta = moment
+    dt_v, share, dt, zeta = moment
     particles, slots, law = work.particles, work.slots, work.law
     at_limit = add_forces(
         p, p + 1, width, work.chunks.in_line, False, True, general_density_of, x, slots, law, scratch
     )
-    total_forces(p, p + 1, 1, kick_dt, zeta, share, work.traits, x, particles, scratch)
+    total_forces(p, p + 1, 1, dt_v, zeta, share, work.traits, x, particles, scratch)
     if at_limit:
         store_totals(p, p + 1, particles, scratch)
-    update_velocities(p, p + 1, work.traits, kick_dt, zeta, dt, x, y, particles, scratch)
+    update_velocities(p, p + 1, work.traits, dt_v, zeta, dt, x, y, particles, scratch)
     if at_limit:
         n_owned, elements = work.chunks.n_owned, work.elements
         for s in range(width):
@@ -109,14 +109,14 @@ def step_particle(
 
 def set_air_forces(thread: Any, threads: Any, moment: Any, changed: Any, work: Any) -> None:
     """Compute `physics.air.set_air_forces` with all threads; moment : as in `step_particle`"""
-    kick_dt, share, _, zeta = moment
+    dt_v, share, _, zeta = moment
     particles, relative = work.particles, work.relative
     if is_present(particles.air) and changed:
         for p in range(thread, particles.per_mass.shape[0], threads):
-            set_air_damping_at(p, kick_dt, zeta, particles)
+            set_air_damping_at(p, dt_v, zeta, particles)
     if is_present(particles.drag):
         for i in range(thread, relative.rows.shape[0], threads):
-            set_drag_at(i, kick_dt, share, relative, particles)
+            set_drag_at(i, dt_v, share, relative, particles)
     if is_present(particles.air) or is_present(particles.drag):
         meet()
 
@@ -156,12 +156,12 @@ def advance(orders: Any, lengths: Any, reals: Any, wholes: Any, arrays: Any) -> 
         cuda.local.array((1,), np.float64),
     )
     in_second = False  # whether x(n) is in the second array
-    kicked_dt, done = -1.0, steps
+    last_dt_v, done = -1.0, steps
     begin(thread, threads, order, work_at(order[PLACE], reals, wholes, arrays))
     for s in range(steps):
         n = first + s
-        share, kick_dt = (n * dt - sample_time) / sample_dt, 0.5 * (before_dt + dt)
-        moment = kick_dt, share, dt, zeta
+        share, dt_v = (n * dt - sample_time) / sample_dt, 0.5 * (before_dt + dt)
+        moment = dt_v, share, dt, zeta
         work = work_at(order[PLACE], reals, wholes, arrays)
         if is_due(n * stride, work.rows):
             if in_second:
@@ -169,14 +169,14 @@ def advance(orders: Any, lengths: Any, reals: Any, wholes: Any, arrays: Any) -> 
                 in_second = False
             collect_slots(thread, threads, work)
             # as in `sampling.make_row`; n * dt may be rounded differently
-            of_row = kick_dt, (n * stride * work.rows.dt - sample_time) / sample_dt, dt, zeta
+            of_row = dt_v, (n * stride * work.rows.dt - sample_time) / sample_dt, dt, zeta
             set_air_forces(thread, threads, of_row, True, work)
             make_row(thread, threads, n * stride, before_dt, of_row, work, scratch)
             meet()
         work = work_at(order[PLACE], reals, wholes, arrays)
-        set_air_forces(thread, threads, moment, kick_dt != kicked_dt, work)
+        set_air_forces(thread, threads, moment, dt_v != last_dt_v, work)
         step_particles(thread, threads, s, in_second, moment, work, scratch)
-        before_dt, kicked_dt, in_second = dt, kick_dt, not in_second
+        before_dt, last_dt_v, in_second = dt, dt_v, not in_second
         breaking = work.counts[s % 3]
         if breaking == 0:
             continue
@@ -194,7 +194,7 @@ def advance(orders: Any, lengths: Any, reals: Any, wholes: Any, arrays: Any) -> 
             break
         if thread == 0:
             break_listed(breaking, FractureStep(n * dt, n * stride, dt), in_second, work)
-        kicked_dt = -1.0  # masses have changed
+        last_dt_v = -1.0  # masses have changed
         meet()
     end(thread, threads, order, in_second, done, work_at(order[PLACE], reals, wholes, arrays))
 

@@ -35,7 +35,7 @@ LOADS = tuple(
     f"particles.{name}" for name in ("load_before", "load_after", "speed_before", "speed_after")
 )  # arrays that change between launches
 # arrays with two names
-ALIASES = {"fractures.events.count": "spare.events", "rows.subject.rows": "spare.rows"}
+ALIASES = {"fractures.events.count": "spare.events", "rows.observed.rows": "spare.rows"}
 HOST_CHANGES = (*LOADS, "rows.made", "spare.events")  # between launches, too: the device has older values
 TABLE, EVENTS = "rows.table.", "fractures.events."
 

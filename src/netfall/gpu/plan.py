@@ -87,7 +87,7 @@ class GpuPlan(StepPlan):
         self._on_host, self._reverts = True, False
         state.number_slots()
         if gpu.count > 1:  # nets can share arrays if all need the same memory
-            named["room"] = state.m
+            named["capacity"] = state.m
         super().__init__(state, *more, **named)
 
     @property

@@ -43,8 +43,8 @@ def make_row(
     number : of the step; before_dt : [s] the previous step; moment : as in `kernels.step_particle`
     """
     rows = work.rows
-    observed, room, elements = rows.subject, rows.room, work.elements
-    due, now, m = has_row(number, rows), rows.room.now, work.elements.ends.shape[0]
+    observed, observation, elements = rows.observed, rows.observation, work.elements
+    due, now, m = has_row(number, rows), rows.observation.now, work.elements.ends.shape[0]
     time, since = number * rows.dt, number * rows.dt - rows.last[0] * rows.dt
     for e in range(thread, m, threads):
         state = element_state_at(work.particles.x.T, elements, work.law, e)
@@ -71,13 +71,13 @@ def make_row(
         add_element(e, work)
     meet()
     find_largest(thread, threads, work)
-    table, made, sums = rows.table, rows.made, room.sums
+    table, made, sums = rows.table, rows.made, observation.sums
     k = made[1]
     for i in range(sums.shape[0]):
         for j in range(thread, sums.shape[1], threads):
             table.sums[k, i, j] = sums[i, j]
     if thread == 0:
-        table.number[k], table.slack[k] = number, room.slack[0]
+        table.number[k], table.slack[k] = number, observation.slack[0]
         table.time_step[k] = before_dt if before_dt > 0.0 else moment[2]
         read_probes(rows, table.probes[k])
         write_largest(table.size[k], table.who[k], work)
@@ -89,7 +89,7 @@ def make_row(
 
 def clear(thread: Any, threads: Any, work: Any) -> None:
     """Reset the sums and the largest values."""
-    sums, slack, best, which = work.rows.room.sums, work.rows.room.slack, work.best, work.which
+    sums, slack, best, which = work.rows.observation.sums, work.rows.observation.slack, work.best, work.which
     for i in range(sums.shape[0]):
         for j in range(thread, sums.shape[1], threads):
             sums[i, j] = 0
@@ -109,7 +109,7 @@ def add_exact(value: Any, limbs: Any) -> None:
 
 def sum_forces(p: Any, work: Any, f: Any) -> None:
     """Sum the axial forces on particle p in f (3, 1) [N], in the order of element numbers as on the CPU."""
-    x, slots, now = work.particles.x, work.slots, work.rows.room.now
+    x, slots, now = work.particles.x, work.slots, work.rows.observation.now
     f[0, 0], f[1, 0], f[2, 0] = 0.0, 0.0, 0.0
     last = -1
     for _ in range(slots.element.shape[0]):
@@ -138,47 +138,51 @@ def sum_internal_forces(p: Any, work: Any, f: Any) -> None:
 
 def add_particle(i: Any, p: Any, before_dt: Any, moment: Any, work: Any, scratch: Any) -> None:
     """Compute velocity and energies of particle p, the i-th owned one, and add them to the sums."""
-    kick_dt, share, dt, zeta = moment
+    dt_v, share, dt, zeta = moment
     rows, particles = work.rows, work.particles
-    observed, room = rows.subject, rows.room
+    observed, observation = rows.observed, rows.observation
     sum_internal_forces(p, work, scratch.f)
     if is_present(particles.spring):
-        spring_energies(p, p + 1, p - i, particles, room.sprung)
-    total_forces(p, p + 1, 0, kick_dt, zeta, share, observed.traits, particles.x, particles, scratch)
+        spring_energies(p, p + 1, p - i, particles, observation.sprung)
+    total_forces(p, p + 1, 0, dt_v, zeta, share, observed.traits, particles.x, particles, scratch)
     part = before_dt / (before_dt + dt)
-    span_energies(p, p + 1, p - i, part, kick_dt, zeta, observed, room, scratch)
-    kinds = room.terms.shape[0]
+    span_energies(p, p + 1, p - i, part, dt_v, zeta, observed, observation, scratch)
+    kinds = observation.terms.shape[0]
     for k in range(kinds):
-        add_exact(room.terms[k, i], room.sums[k])
+        add_exact(observation.terms[k, i], observation.sums[k])
     attached = is_present(particles.detached) and particles.detached[p] == 0
-    last = room.sums.shape[0] - 1
+    last = observation.sums.shape[0] - 1
     if attached:
-        add_exact(room.terms[0, i], room.sums[last])
-    if is_present(room.sprung):
-        add_exact(room.sprung[i], room.sums[kinds + 2])
+        add_exact(observation.terms[0, i], observation.sums[last])
+    if is_present(observation.sprung):
+        add_exact(observation.sprung[i], observation.sums[kinds + 2])
         if is_present(particles.detached):
-            add_exact(room.sprung[i], room.sums[last])
+            add_exact(observation.sprung[i], observation.sums[last])
 
 
 def add_element(e: Any, work: Any) -> None:
     """Add the energies of element e to the sums, and count it if it is slack."""
-    elements, room, detached = work.elements, work.rows.room, work.particles.detached
-    now, sums = room.now, room.sums
-    room.stored[e], room.heat[e] = element_energies_at(e, elements, now, work.law)
+    elements, observation, detached = work.elements, work.rows.observation, work.particles.detached
+    now, sums = observation.now, observation.sums
+    observation.stored[e], observation.heat[e] = element_energies_at(e, elements, now, work.law)
     if elements.owned[e] == 0:
         return
-    kinds, last = room.terms.shape[0], sums.shape[0] - 1
-    add_exact(room.stored[e], sums[kinds])
-    add_exact(room.heat[e], sums[kinds + 1])
+    kinds, last = observation.terms.shape[0], sums.shape[0] - 1
+    add_exact(observation.stored[e], sums[kinds])
+    add_exact(observation.heat[e], sums[kinds + 1])
     if is_present(detached) and not (detached[elements.ends[e, 0]] and detached[elements.ends[e, 1]]):
-        add_exact(room.stored[e], sums[last])
+        add_exact(observation.stored[e], sums[last])
     if elements.bar[e] == 0 and elements.broken[e] == 0 and now.N[e] == 0.0:
-        atomic_add(room.slack, 0, 1)
+        atomic_add(observation.slack, 0, 1)
 
 
 def find_largest(thread: Any, threads: Any, work: Any) -> None:
     """Find the fastest particle and the most strained element, as bits in `best`; the first of equal ones."""
-    observed, velocity, eps = work.rows.subject, work.rows.room.velocity, work.rows.room.now.eps
+    observed, velocity, eps = (
+        work.rows.observed,
+        work.rows.observation.velocity,
+        work.rows.observation.now.eps,
+    )
     free, halo = work.particles.free, observed.first_split - observed.n_owned
     best, fastest = -1, NO_ROW
     for i in range(thread, observed.rows[0] - halo, threads):
@@ -214,6 +218,6 @@ def write_largest(size: Any, who: Any, work: Any) -> None:
     if best[1] >= 0:
         size[1], who[1] = bit_magnitude(best[1]), rows.element_gid[which[1]]
     if size[1] > REPORTED_STRAIN:
-        e = most_strained_unbreakable(work.elements, rows.room.now)
+        e = most_strained_unbreakable(work.elements, rows.observation.now)
         if e >= 0:
-            size[2], who[2] = abs(rows.room.now.eps[e]), rows.element_gid[e]
+            size[2], who[2] = abs(rows.observation.now.eps[e]), rows.element_gid[e]

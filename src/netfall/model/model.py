@@ -433,7 +433,7 @@ def make_state(distribution: Distribution, job: Job, model: Model | None, featur
         state.slip_at[:] = rows_of(subdomain.particle_gid, slip_at.ravel()).reshape(slip_at.shape)
     if features.sliding:
         segment = distribution.elements(None if model is None else model.layout.slides.segment)
-        state.places = slip_points_of(state, segment)
+        state.slip_points = slip_points_of(state, segment)
     return state
 
 

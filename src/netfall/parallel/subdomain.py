@@ -80,14 +80,14 @@ def split_net(
     local = np.full(n, -1, np.int64)  # local row of each particle on the current rank
     subdomains = []
     for rank in range(ranks):
-        wanted = {int(k): halos[k][part[halos[k]] == rank] for k in np.unique(part[halos[rank]])}
+        needed = {int(k): halos[k][part[halos[k]] == rank] for k in np.unique(part[halos[rank]])}
         inner = elements_held[rank][(owner[elements_held[rank]] == rank).all(1)]
-        boundary = is_one_of(owned[rank], np.concatenate([NO_PARTICLES, *wanted.values()]))
+        boundary = is_one_of(owned[rank], np.concatenate([NO_PARTICLES, *needed.values()]))
         local[owned[rank]] = np.arange(len(owned[rank]))
         order = order_of_rows(boundary, local[elements[inner]])
         gid = np.concatenate([owned[rank][order], halos[rank]])
         local[gid] = np.arange(len(gid))
-        sends = [local[rows] for rows in wanted.values()]
+        sends = [local[rows] for rows in needed.values()]
         counts = np.bincount(part[halos[rank]], minlength=ranks)
         subdomains.append(
             Subdomain(
@@ -96,9 +96,9 @@ def split_net(
                 elements_held[rank],
                 local[elements[elements_held[rank]]].astype(np.uint32),
                 owner[elements_held[rank], 0] == rank,
-                tuple(wanted),
+                tuple(needed),
                 tuple(map(len, sends)),
-                tuple(int(counts[other]) for other in wanted),
+                tuple(int(counts[other]) for other in needed),
                 np.concatenate([NO_PARTICLES, *sends]).astype(np.uint32),
                 jointed[rank],
                 local[joints[jointed[rank]]].astype(np.uint32),

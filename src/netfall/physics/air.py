@@ -41,16 +41,16 @@ def wind_speed(p: Integer, particles: Particles, share: float) -> float:
 
 
 @part_of_kernel
-def set_air_damping_at(p: Integer, kick_dt: float, zeta: float, particles: Particles) -> None:
+def set_air_damping_at(p: Integer, dt_v: float, zeta: float, particles: Particles) -> None:
     """Write the factor |U| / (1 + h + a) of `explicit.motion.add_air_damping`, with U's sign, at both
     samples.
 
     Between the samples it is linear in time, as U is. This equals implicit damping for some speed between
     those of the samples, and so is stable too. Its relative error is at most b (dU / U)^2 / 4, with
-    b = kappa rho U A dt / 2M. kick_dt : [s]
+    b = kappa rho U A dt / 2M. dt_v : [s] length of the velocity update
     """
     damping = particles.air_pull
-    half_dt_per_mass = 0.5 * kick_dt * particles.per_mass[p]
+    half_dt_per_mass = 0.5 * dt_v * particles.per_mass[p]
     damped = 1.0 + half_dt_per_mass * zeta * damped_mass(p, particles)
     cx, cy, cz = particles.air[0, p], particles.air[1, p], particles.air[2, p]
     square, speed_before, speed_after = half_dt_per_mass * (cx * cx + cy * cy + cz * cz), 1.0, 1.0
@@ -75,12 +75,10 @@ class RelativeWind(Record):
 
 
 @part_of_kernel
-def set_drag_at(
-    i: Integer, kick_dt: float, share: float, relative: RelativeWind, particles: Particles
-) -> None:
+def set_drag_at(i: Integer, dt_v: float, share: float, relative: RelativeWind, particles: Particles) -> None:
     """Write the drag [N] of a velocity update for a row of `relative`.
 
-    kick_dt : [s]; share : as in `energy_check.observe`
+    dt_v : [s] length of the velocity update; share : as in `energy_check.observe`
 
     Drag alone changes w by M dw/dt = -k |w| w, k = rho A / 2. In a time dt this turns w into w / (1 + b) with
     b = k |w| dt / M. The force k |w| w / (1 + b) has the same effect in one velocity update. So drag never
@@ -91,21 +89,21 @@ def set_drag_at(
     speed = relative.steady[i] if is_present(relative.steady) else wind_speed(p, particles, share)
     wx, wy, wz = speed * relative.along_x - v[0, p], speed * relative.along_y - v[1, p], -v[2, p]
     factor = relative.size[i] * math.sqrt(wx * wx + wy * wy + wz * wz)
-    factor /= 1.0 + factor * kick_dt * particles.per_mass[p]
+    factor /= 1.0 + factor * dt_v * particles.per_mass[p]
     drag[0, p], drag[1, p], drag[2, p] = factor * wx, factor * wy, factor * wz
 
 
 @routine(real, real, real, whole, RelativeWind, Particles)
 def set_air_forces(
-    kick_dt: float, zeta: float, share: float, changed: int, relative: RelativeWind, particles: Particles
+    dt_v: float, zeta: float, share: float, changed: int, relative: RelativeWind, particles: Particles
 ) -> int:
     """Write the drag, and the factors of the aerodynamic damping if the step or a mass has changed."""
     if is_present(particles.air) and changed:
         for p in range(np.uint64(particles.per_mass.shape[0])):
-            set_air_damping_at(p, kick_dt, zeta, particles)
+            set_air_damping_at(p, dt_v, zeta, particles)
     if is_present(particles.drag):
         for i in range(relative.rows.shape[0]):
-            set_drag_at(i, kick_dt, share, relative, particles)
+            set_drag_at(i, dt_v, share, relative, particles)
     return 0
 
 

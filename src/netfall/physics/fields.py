@@ -140,8 +140,8 @@ slip_place | i1 2 | | slip | given | number of its cable at the slip points at t
 slip_at | i8 2 | | slip | | local numbers of the particles of these slip points
 slip_share | f8 | | slip | given | share of the unstressed length of its segment
 slip_along | i1 | | slip | given | 1 or -1: runs along or against its cable
-hold_before | f8 | N | slip_fades | | fading tension of a removed element, at the last sample
-hold_after | f8 | N | slip_fades | | fading tension of a removed element, at the next sample
+fading_before | f8 | N | slip_fades | | fading tension of a removed element, at the last sample
+fading_after | f8 | N | slip_fades | | fading tension of a removed element, at the next sample
 owned | u1 | | | | 1 on the one rank that reports the element
 broken | u1 | | | kept | 1 if broken or removed; `REMOVED_BY_ERECTION` by an erection stage
 lost | u1 | | losses | kept | 1 if removed

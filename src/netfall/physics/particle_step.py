@@ -22,12 +22,12 @@ def make(target: Any) -> SimpleNamespace:
         return fma(share, after - before, before)
 
     @inline
-    def kicked(v: Any, a: Any, c_v: Any, c_a: Any) -> Any:
+    def next_v(v: Any, a: Any, c_v: Any, c_a: Any) -> Any:
         """Return v(n+1/2) [m/s] from v(n-1/2) and the acceleration a [m/s2]; c_v, c_a : update factors."""
         return fma(c_a, a, c_v * v)
 
     @inline
-    def moved(x: Any, v: Any, dt: Any) -> Any:
+    def next_x(x: Any, v: Any, dt: Any) -> Any:
         """Return x(n+1) [m]."""
         return fma(dt, v, x)
 
@@ -48,4 +48,4 @@ def make(target: Any) -> SimpleNamespace:
         path_rel = fma(-duration, ground, duration * (0.5 * (old + new)))
         return f_damp, path_rel, 0.5 * mass * fma(new, new, -(old * old))
 
-    return SimpleNamespace(between=between, kicked=kicked, moved=moved, works_of_motion=works_of_motion)
+    return SimpleNamespace(between=between, next_v=next_v, next_x=next_x, works_of_motion=works_of_motion)

@@ -51,7 +51,7 @@ class State:
         # joints of bending chains; (m, 2) joints at the ends of elements, see `geometry.cables`
         self.joints: Joints | None = None
         self.joint_at: np.ndarray | None = None
-        self.places: Any = None  # slip points in the step, `slip.motion.SlipPoints`; None: no sliding cable
+        self.slip_points: Any = None  # in the step, `slip.motion.SlipPoints`; None: no sliding cable
         self.wind_along = (1.0, 0.0)  # horizontal direction of the wind
         self.branches = None
         if features.band:

@@ -109,9 +109,9 @@ class SlipElements(Record):
 
 
 @part_of_kernel
-def _force_of(e: Any, L0: Any, strands: Any, law: Any) -> Any:
+def _force_of(e: Any, L0: Any, elements: Any, law: Any) -> Any:
     """Compute tension [N], q [N], -dT/dL0, -dq/dL0 [N/m] of element e at the unstressed length L0 [m]."""
-    EA, L = strands.EA[e], strands.L[e]
+    EA, L = elements.EA[e], elements.L[e]
     if EA == 0.0 or L <= L0:
         return 0.0, 0.0, 0.0, SUBSTITUTE_SHARE * EA / L0
     if law.logarithmic:
@@ -122,14 +122,14 @@ def _force_of(e: Any, L0: Any, strands: Any, law: Any) -> Any:
 
 
 @part_of_kernel
-def _stop_overlap(e: Any, L0: Any, strands: Any) -> Any:
+def _stop_overlap(e: Any, L0: Any, elements: Any) -> Any:
     """Compute how much [m] element e is shorter than its stop allows, at unstressed lengths L0 (q,) [m]."""
-    return strands.shortest[e] - L0[e]
+    return elements.shortest[e] - L0[e]
 
 
 @kernel
 def compute_slip_forces(
-    s: Any, old: Any, limit: Any, chains: Any, strands: Any, weights: Any, law: Any, work: Any
+    s: Any, old: Any, limit: Any, chains: Any, elements: Any, weights: Any, law: Any, work: Any
 ) -> Any:
     """Compute the forces of the elements at slips s (k,) [m] into `work`; return the potential W [J].
 
@@ -142,28 +142,28 @@ def compute_slip_forces(
     drive[:] = 0.0
     hold[:] = 0.0
     for e in range(L0.shape[0]):
-        g, slipped, EA, L = chains.segment[e], 0.0, strands.EA[e], strands.L[e]
+        g, slipped, EA, L = chains.segment[e], 0.0, elements.EA[e], elements.L[e]
         if chains.slip_in[g] >= 0:
             slipped += s[chains.slip_in[g]]
         if chains.slip_out[g] >= 0:
             slipped -= s[chains.slip_out[g]]
-        L0[e] = strands.strand[e] + chains.share[e] * slipped
-        T[e], q[e], coupling, stiffness = _force_of(e, L0[e], strands, law)
-        q[e] -= weights * chains.weight[e] * strands.height[e]
+        L0[e] = elements.strand[e] + chains.share[e] * slipped
+        T[e], q[e], coupling, stiffness = _force_of(e, L0[e], elements, law)
+        q[e] -= weights * chains.weight[e] * elements.height[e]
         if EA == 0.0:
             q[e] = 0.0
-        short = _stop_overlap(e, L0, strands)
+        short = _stop_overlap(e, L0, elements)
         if short > 0.0:
-            q[e] += strands.stop[e] * short
-            stiffness += strands.stop[e]
-            W += 0.5 * strands.stop[e] * short * short
+            q[e] += elements.stop[e] * short
+            stiffness += elements.stop[e]
+            W += 0.5 * elements.stop[e] * short * short
         work.coupling[e], work.stiffness[e] = coupling, stiffness
         drive[g] += chains.share[e] * q[e]
         hold[g] += chains.share[e] * chains.share[e] * stiffness
-        if EA > 0.0 and L0[e] < SUBSTITUTE_SHARE * strands.strand[e]:
+        if EA > 0.0 and L0[e] < SUBSTITUTE_SHARE * elements.strand[e]:
             W = math.inf
         elif EA > 0.0:
-            W += weights * chains.weight[e] * strands.height[e] * (L0[e] - strands.strand[e])
+            W += weights * chains.weight[e] * elements.height[e] * (L0[e] - elements.strand[e])
             if L > L0[e] and law.logarithmic:
                 W += EA * L * exponential_minus_linear(-T[e] / EA)  # no difference of large terms
             elif L > L0[e]:
@@ -175,19 +175,19 @@ def compute_slip_forces(
 
 
 @kernel
-def compute_slip_limits(chains: Any, strands: Any, T: Any, law: Any, limit: Any) -> None:
+def compute_slip_limits(chains: Any, elements: Any, T: Any, law: Any, limit: Any) -> None:
     """Fill limit (k,) with the slip resistances R [N] at tensions T (q,) [N]."""
     for i in range(limit.shape[0]):
         b, a = chains.before[i], chains.after[i]
-        turn, d = 1.0, strands.direction
+        turn, d = 1.0, elements.direction
         if chains.friction[i] > 0.0:
             theta = angle_between(d[b, 0], d[b, 1], d[b, 2], d[a, 0], d[a, 1], d[a, 2])
             turn = exponential(-chains.friction[i] * theta)
-        EA = max(strands.EA[b], strands.EA[a])
+        EA = max(elements.EA[b], elements.EA[a])
         limit[i] = 0.0
         if EA > 0.0:
-            EA_b = strands.EA[b] if strands.EA[b] > 0.0 else EA
-            EA_a = strands.EA[a] if strands.EA[a] > 0.0 else EA
+            EA_b = elements.EA[b] if elements.EA[b] > 0.0 else EA
+            EA_a = elements.EA[a] if elements.EA[a] > 0.0 else EA
             limit[i] = slip_limit(T[b], T[a], EA_b, EA_a, chains.friction[i], chains.resistance[i], turn, law)
 
 
@@ -257,7 +257,7 @@ def solve_chains(
 
 @kernel
 def solve_slips(
-    old: Any, limit: Any, chains: Any, strands: Any, weights: Any, law: Any, work: Any, s: Any
+    old: Any, limit: Any, chains: Any, elements: Any, weights: Any, law: Any, work: Any, s: Any
 ) -> Any:
     """Compute the slips s (k,) [m] at given positions from `old` (k,); return the relative residual force.
 
@@ -266,13 +266,13 @@ def solve_slips(
     for i in range(s.shape[0]):
         s[i] = old[i]
     w, worst, scale = work, 0.0, 0.0
-    old_potential = compute_slip_forces(s, old, limit, chains, strands, weights, law, w)
+    old_potential = compute_slip_forces(s, old, limit, chains, elements, weights, law, w)
     for _ in range(MOST_STEPS):
         worst = slip_residuals(s, old, limit, chains, w.drive, w.r, w.way)
         for e in range(w.q.shape[0]):
-            scale = max(scale, abs(w.T[e]), LENGTH_ROUNDING * strands.EA[e])
-            if _stop_overlap(e, w.L0, strands) > 0.0:
-                scale = max(scale, LENGTH_ROUNDING * strands.stop[e] * strands.strand[e])
+            scale = max(scale, abs(w.T[e]), LENGTH_ROUNDING * elements.EA[e])
+            if _stop_overlap(e, w.L0, elements) > 0.0:
+                scale = max(scale, LENGTH_ROUNDING * elements.stop[e] * elements.strand[e])
         if worst <= SUM_ROUNDING * scale:
             return 0.0
         solve_chains(chains, w.way, w.hold, w.r, w.pivot, w.beside, w.border, w.step)
@@ -284,7 +284,7 @@ def solve_slips(
                 s[i] = w.start[i] + step_share * w.step[i]
                 if limit[i] > 0.0 and (s[i] - old[i]) * w.way_before[i] < 0.0:
                     s[i] = old[i]
-            new_potential = compute_slip_forces(s, old, limit, chains, strands, weights, law, w)
+            new_potential = compute_slip_forces(s, old, limit, chains, elements, weights, law, w)
             if new_potential <= old_potential + SUM_ROUNDING * abs(old_potential):
                 break
             step_share *= 0.5
@@ -293,7 +293,7 @@ def solve_slips(
         ):  # due to rounding, or positions that are not finite
             for i in range(s.shape[0]):
                 s[i] = w.start[i]
-            compute_slip_forces(s, old, limit, chains, strands, weights, law, w)
+            compute_slip_forces(s, old, limit, chains, elements, weights, law, w)
             return worst / scale
         old_potential = new_potential
     return worst / scale

@@ -90,7 +90,7 @@ def compute_balance(
         load = load.copy()
         slips.add_moved_weights(load)
     pull, hold = np.zeros_like(state.x), np.zeros(0)
-    add_axial_forces(state.x, state.ends, snapshot.N, snapshot.room.now.L, pull)
+    add_axial_forces(state.x, state.ends, snapshot.N, snapshot.observation.now.L, pull)
     if joints is not None:
         add_bending_forces(state.x, joints, pull)
         moment, all_hold = np.empty((2, len(joints.stiffness)))

@@ -64,8 +64,8 @@ class SlipTangent(NamedTuple):
         change : (m,) [m], prescribed
         """
         slips, total = self.slips, change.copy()
-        slipped = self._answer(-self.stiffness * slips.shared(change[slips.my_rows]))
-        for e, row, _ in slips.here:
+        slipped = self._answer(-self.stiffness * slips.shared(change[slips.own_rows]))
+        for e, row, _ in slips.local_elements:
             total[row] += slipped[e]
         return total
 
@@ -84,7 +84,7 @@ class SlipTangent(NamedTuple):
         length_change = self.changes(u)
         tension = -self.coupling * length_change
         weight = 0.5 * slips.weights * slips.chains.weight * length_change
-        for e, _, (a, b) in slips.here:
+        for e, _, (a, b) in slips.local_elements:
             pull = tension[e] * self.direction[e]
             answer[b] += pull
             answer[a] -= pull
@@ -98,7 +98,7 @@ class SlipTangent(NamedTuple):
         """
         slips = self.slips
         tension = -self.coupling * self.changes(u)
-        for e, row, _ in slips.here:
+        for e, row, _ in slips.local_elements:
             change[row] += tension[e]
 
 
@@ -107,43 +107,43 @@ class Slips:
     """Slips of a net, known to every rank.
 
     weights : factor of the self weight that follows the unstressed lengths, 0: none acts
-    held : whether everything sticks; left : residual force on slips over the largest tension
+    all_stick : whether no slip point slips; residual : force on slips over the largest tension
     """
 
     def __init__(self, distribution: Distribution, state: State, chains: free_segments.SlipChains):
         self.distribution, self.state, self.chains = distribution, state, chains
-        self.comm, self.weights, self.left = distribution.comm, 0.0, 0.0
-        self.held, self.resistance = False, chains.resistance
+        self.comm, self.weights, self.residual = distribution.comm, 0.0, 0.0
+        self.all_stick, self.resistance = False, chains.resistance
         d = distribution.subdomain
         row = rows_of(d.element_gid, chains.element)
-        self.mine = np.flatnonzero(np.isin(row, np.flatnonzero(state.owned)))
-        self.my_rows = row[self.mine]
+        self.own = np.flatnonzero(np.isin(row, np.flatnonzero(state.owned)))
+        self.own_rows = row[self.own]
 
         def along(e: int) -> np.ndarray:
             ends = state.ends[row[e]].astype(int)
             return ends[:: int(chains.along[e])]  # from begin to end along the cable
 
         self.rows = np.flatnonzero(row >= 0), row[row >= 0]
-        self.here = [(e, int(row[e]), along(e)) for e in np.flatnonzero(row >= 0).tolist()]
-        self.my_ends = np.array([along(e) for e in self.mine.tolist()], int).reshape(-1, 2)
+        self.local_elements = [(e, int(row[e]), along(e)) for e in np.flatnonzero(row >= 0).tolist()]
+        self.own_ends = np.array([along(e) for e in self.own.tolist()], int).reshape(-1, 2)
         self.work = free_segments.allocate_slip_scratch(
             len(chains.element), len(chains.slip_in), len(chains.node)
         )
         self.old, self.s, self.limit = np.zeros((3, len(chains.node)))
         at = rows_of(d.particle_gid, chains.node)
-        self.places = np.flatnonzero(at >= 0)
-        self.at = at[self.places], chains.column[self.places]
+        self.local_points = np.flatnonzero(at >= 0)
+        self.at = at[self.local_points], chains.column[self.local_points]
 
     def shared(self, values: np.ndarray) -> np.ndarray:
         """Share rows (q, ...) of this rank's own elements with every rank. Collective."""
         rows = np.zeros((len(self.chains.element), *values.shape[1:]))
-        rows[self.mine] = values + 0.0
+        rows[self.own] = values + 0.0
         self.comm.Allreduce(MPI.IN_PLACE, rows, MPI.SUM)
         return rows
 
     def at_ends(self, rows: np.ndarray) -> np.ndarray:
         """Collect rows (n, 3) of the particles at both ends of the elements, (q, 6). Collective."""
-        return self.shared(rows[self.my_ends].reshape(-1, 6))
+        return self.shared(rows[self.own_ends].reshape(-1, 6))
 
     def open_clamps(self, opened: bool) -> None:
         """Set the slip resistance of the clamps to zero, or restore it."""
@@ -157,13 +157,15 @@ class Slips:
         state = self.state
         row, column = self.at
         slips, is_owned = np.zeros(len(self.s)), row < state.n_owned
-        slips[self.places[is_owned]] = state.slip[row[is_owned], column[is_owned]] + 0.0
+        slips[self.local_points[is_owned]] = state.slip[row[is_owned], column[is_owned]] + 0.0
         self.comm.Allreduce(MPI.IN_PLACE, slips, MPI.SUM)
-        carries = (state.broken[self.my_rows] == 0) & (state.EA[self.my_rows] > 0.0)
-        values = np.column_stack([np.where(carries, state.EA[self.my_rows], 0.0), state.strand[self.my_rows]])
+        carries = (state.broken[self.own_rows] == 0) & (state.EA[self.own_rows] > 0.0)
+        values = np.column_stack(
+            [np.where(carries, state.EA[self.own_rows], 0.0), state.strand[self.own_rows]]
+        )
         self.sections = self.shared(values)
         self.shortest = self.shared(
-            MIN_SEGMENT_SHARE * ((1.0 - state.stage_slip[self.my_rows]) * values[:, 1])
+            MIN_SEGMENT_SHARE * ((1.0 - state.stage_slip[self.own_rows]) * values[:, 1])
         )
         is_torn = np.bincount(self.chains.segment, self.sections[:, 0] == 0.0) > 0
         # a segment carries nothing if one of its elements carries nothing
@@ -173,10 +175,10 @@ class Slips:
         self.update_resistances()
 
     def numbers(self) -> tuple[np.ndarray, int]:
-        """Return the index of each of `State.places` among all slip points, (places,), and their number."""
+        """Return indices (points,) of `State.slip_points` among all slip points, and the number of all."""
         row, column = self.at
         order = np.lexsort((column, row))
-        return self.places[order][row[order] < self.state.n_owned], len(self.s)
+        return self.local_points[order][row[order] < self.state.n_owned], len(self.s)
 
     def freeze_weights(self, factor: float) -> None:
         """Convert the self weight and its pull at slip points to constant loads. Collective.
@@ -189,12 +191,12 @@ class Slips:
         weight = np.where(carries, factor * self.chains.weight, 0.0)
         pull = self.chains.by_segment(weight * 0.5 * (ends[:, 2] + ends[:, 5]))
         pulls = pull[self.chains.segment_before] - pull[self.chains.segment_after]
-        state.slip_load[self.at] = pulls[self.places]
+        state.slip_load[self.at] = pulls[self.local_points]
         shifted = -0.5 * weight * self.chains.passed(self.s)
-        for e, _, pair in self.here:
+        for e, _, pair in self.local_elements:
             state.load[pair, 2] += shifted[e]
 
-    def _strands(self) -> free_segments.SlipElements:
+    def _elements(self) -> free_segments.SlipElements:
         ends = self.at_ends(self.state.x)
         along = ends[:, 3:] - ends[:, :3]
         L = np.sqrt(along[:, 0] ** 2 + along[:, 1] ** 2 + along[:, 2] ** 2)
@@ -211,26 +213,26 @@ class Slips:
 
     def update_resistances(self) -> tuple[float, float]:
         """Update slip resistances with the tensions; return the largest change and tension [N]."""
-        strands, w, previous = self._strands(), self.work, self.limit.copy()
+        elements, w, previous = self._elements(), self.work, self.limit.copy()
         law = self.state.law
         free_segments.compute_slip_forces(
-            self.s, self.old, self.limit, self.chains, strands, self.weights, law, w
+            self.s, self.old, self.limit, self.chains, elements, self.weights, law, w
         )
-        free_segments.compute_slip_limits(self.chains, strands, w.T, law, self.limit)
+        free_segments.compute_slip_limits(self.chains, elements, w.T, law, self.limit)
         return float(np.abs(self.limit - previous).max(initial=0.0)), float(np.abs(w.T).max(initial=0.0))
 
     def follow(self) -> free_segments.SlipElements:
         """Update slips and unstressed lengths to the present positions. Collective."""
-        strands = self._strands()
-        limit = self.limit + np.inf if self.held else self.limit
-        self.left = free_segments.solve_slips(
-            self.old, limit, self.chains, strands, self.weights, self.state.law, self.work, self.s
+        elements = self._elements()
+        limit = self.limit + np.inf if self.all_stick else self.limit
+        self.residual = free_segments.solve_slips(
+            self.old, limit, self.chains, elements, self.weights, self.state.law, self.work, self.s
         )
-        self.state.slip[self.at] = self.s[self.places]
+        self.state.slip[self.at] = self.s[self.local_points]
         carries = self.sections[self.rows[0], 0] > 0.0  # torn elements keep their length
         e, row = (rows[carries] for rows in self.rows)
         self.state.L0[row] = self.work.L0[e]
-        return strands
+        return elements
 
     def forces(self, x: np.ndarray, f: np.ndarray) -> None:
         """Update the slips at x (n, 3), the positions of the state; add the shift of self weight to f.
@@ -244,7 +246,7 @@ class Slips:
         """Add to f (n, 3) [N] the self weight that the present slips move from node to node."""
         if self.weights:
             shifted = -0.5 * self.weights * self.chains.weight * (self.work.L0 - self.sections[:, 1])
-            for e, _, ends in self.here:
+            for e, _, ends in self.local_elements:
                 f[ends, 2] += shifted[e]
 
     def tangent(self) -> SlipTangent:
@@ -259,7 +261,7 @@ class Slips:
         """
         self.begin()
         is_loose = (self.chains.friction == 0.0) & (self.chains.resistance == 0.0)
-        return self._tangent(is_loose.astype(np.int64), self._strands().direction)
+        return self._tangent(is_loose.astype(np.int64), self._elements().direction)
 
     def _tangent(self, way: np.ndarray, direction: np.ndarray) -> SlipTangent:
         w = self.work
@@ -290,12 +292,12 @@ def find_with_slip(finder: Any, find: Callable[[], Solution], tolerance: float, 
     start, slip = state.x.copy(order="K"), state.slip.copy(order="K")
     slips.begin()
     if slips.chains.friction.any() or slips.limit.any():
-        slips.held = True  # the equilibrium in which everything sticks is a better start
+        slips.all_stick = True  # the equilibrium in which everything sticks is a better start
         try:
             find()
         except (DivergedError, Paused):
             state.x[:] = start
-        slips.held = False
+        slips.all_stick = False
         if not slips.limit.any():  # a straight cable has no friction before a load bends it
             slips.update_resistances()
     rises, last_change, largest = 0, np.inf, 0.0
@@ -307,7 +309,7 @@ def find_with_slip(finder: Any, find: Callable[[], Solution], tolerance: float, 
             update_slipped_lengths(state.particles.slip, state.elements)
             raise Paused(initial_relaxation(start)) from None
         slips.follow()
-        if not slips.left <= SETTLED_CHANGE * tolerance:
+        if not slips.residual <= SETTLED_CHANGE * tolerance:
             raise DivergedError(messages.SLIPS_NOT_CONVERGED(name=name))
         slips_before, limit = slips.s.copy(), slips.limit.copy()
         change, tension = slips.update_resistances()

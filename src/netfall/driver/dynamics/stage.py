@@ -85,13 +85,13 @@ def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outc
 
 def set_slip_inertia(problem: Problem) -> None:
     """Set the inertia of slips and the weight that goes with them, which stay constant. Collective."""
-    state, places, slips = problem.state, problem.state.places, problem.finder.slips
-    assert places is not None and slips is not None  # cables slide
+    state, points, slips = problem.state, problem.state.slip_points, problem.finder.slips
+    assert points is not None and slips is not None  # cables slide
     slips.freeze_weights(permanent_weight_factor(problem.job))
-    stiffness = adjacent_sums(places, state.slip_share**2 * largest_stiffness(state.EA, state.L0))
-    mass, dt = adjacent_sums(places, state.half_mass), problem.dynamic_schedule.long_dt
+    stiffness = adjacent_sums(points, state.slip_share**2 * largest_stiffness(state.EA, state.L0))
+    mass, dt = adjacent_sums(points, state.half_mass), problem.dynamic_schedule.long_dt
     inertia = slip_inertia(mass, stiffness, dt)
-    state.slip_mass[places.node, places.column] = inertia
+    state.slip_mass[points.node, points.column] = inertia
 
 
 def sections(problem: Problem, simulation: "Simulation") -> dict[str, dict[str, np.ndarray]]:
@@ -197,7 +197,7 @@ class Simulation(Stepper):
         snapshot = self.snapshot()
         if self.removal:
             self.removal.close(self.state, snapshot.N)
-        self.envelope.take_in(self.time, self.state)
+        self.envelope.include_extremes(self.time, self.state)
         self.result.write_envelope(self.state, *self.envelope.columns())
         self.result.write_final(self.state, snapshot)
         self.halo.free()
@@ -289,7 +289,7 @@ class Simulation(Stepper):
         self.share_events()
         elements = self.state.present_element_state()
         self.state.include_extremes(elements.N)
-        self.envelope.take_in(self.time, self.state)
+        self.envelope.include_extremes(self.time, self.state)
         redistribution = removal.remove_from(self.state, elements, self.time, self.before_dt, self.dt)
         self.plan.attach(self.state)
         self.redistribute(redistribution)

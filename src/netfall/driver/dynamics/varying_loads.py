@@ -101,8 +101,8 @@ class VaryingLoads:
         self.dt = end - self.time
         if state.load_before is not None:
             state.load_before[:] = state.load_after[:] = 0.0
-        if state.hold_before is not None:
-            state.hold_before[:] = state.hold_after[:] = 0.0
+        if state.fading_before is not None:
+            state.fading_before[:] = state.fading_after[:] = 0.0
         for load in self.loads:
             load.write(state, self.time, end)
 
@@ -193,9 +193,9 @@ class FadingLoad(VaryingLoad):
         for time, load in ((start, state.load_before), (end, state.load_after)):
             force = (self._left(time) * self.force).astype(load.dtype)
             np.add.at(load, self.rows, force)
-        if state.hold_before is not None:
-            for time, hold in ((start, state.hold_before), (end, state.hold_after)):
-                hold[self.elements] = self._left(time) * self.tension
+        if state.fading_before is not None:
+            for time, fading in ((start, state.fading_before), (end, state.fading_after)):
+                fading[self.elements] = self._left(time) * self.tension
 
     def _left(self, time: float) -> float:
         """Return the share that remains at a time [s]."""

@@ -74,13 +74,13 @@ def set_branches(before_dt: float, dt: float, law: LawParameters) -> None:
     They are the factor of H and the factor of N in H(n+1), and 1 + sum alpha exp(-dt / 2 tau).
     before_dt, dt : [s] the steps before and after
     """
-    b, kick_dt = law.branches, 0.5 * (before_dt + dt)
+    b, dt_v = law.branches, 0.5 * (before_dt + dt)
     b[4, 0] = 1.0
     for k in range(b.shape[1]):
         alpha, least_tau = b[0, k], max(before_dt, dt) / MAX_FADING
         rate = 1.0 / max(b[1, k], least_tau)
         b[2, k] = exponential(-dt * rate)
-        b[3, k] = -alpha * exponential(-0.5 * dt * rate) * exponential_minus_one(-kick_dt * rate)
+        b[3, k] = -alpha * exponential(-0.5 * dt * rate) * exponential_minus_one(-dt_v * rate)
         b[4, 0] += alpha * exponential(-0.5 * before_dt * rate)
 
 

@@ -62,14 +62,14 @@ class SlipPoints(Record):
 class SegmentEnd(NamedTuple):
     """One side of a slip point: tension, remaining tension of a removed element [N], and cable direction.
 
-    whole : whether the segment is intact, and so changes its length; there : whether it pulls
+    whole : whether the segment is intact, and so changes its length; pulls : whether it pulls
     along : unit vector along the cable
     """
 
     tension: float
-    hold: float
+    fading: float
     whole: bool
-    there: bool
+    pulls: bool
     along: Triple
 
 
@@ -110,12 +110,12 @@ def slip_points_of(state: Any, segment: np.ndarray) -> SlipPoints:
     )
 
 
-def adjacent_sums(places: SlipPoints, values: np.ndarray) -> np.ndarray:
+def adjacent_sums(points: SlipPoints, values: np.ndarray) -> np.ndarray:
     """Return sums (k,) of values (m,) over both segments adjacent to each slip point."""
-    if not len(places.element):
+    if not len(points.element):
         return np.zeros(0)
-    total = np.add.reduceat(values[places.element], places.start[:-1])
-    return total[places.segment_before] + total[places.segment_after]
+    total = np.add.reduceat(values[points.element], points.start[:-1])
+    return total[points.segment_before] + total[points.segment_after]
 
 
 @inner_kernel
@@ -126,10 +126,10 @@ def _segment_end(
 
     intact : whether its segment is; share : position between two samples of a fading tension
     """
-    hold = 0.0
-    if is_present(elements.hold_before):
-        hold = elements.hold_before[e] + share * (elements.hold_after[e] - elements.hold_before[e])
-    if not intact and not hold > 0.0:
+    fading = 0.0
+    if is_present(elements.fading_before):
+        fading = elements.fading_before[e] + share * (elements.fading_after[e] - elements.fading_before[e])
+    if not intact and not fading > 0.0:
         return SegmentEnd(0.0, 0.0, False, False, (0.0, 0.0, 0.0))
     a, b, x = elements.ends[e, 0], elements.ends[e, 1], particles.x
     dx, dy, dz = x[0, b] - x[0, a], x[1, b] - x[1, a], x[2, b] - x[2, a]
@@ -138,26 +138,26 @@ def _segment_end(
     T = 0.0
     if intact:
         T, _ = axial_force(elements, e, strain(L, elements.L0[e], law), 0.0)
-    return SegmentEnd(T, hold, intact, True, (direction * dx, direction * dy, direction * dz))
+    return SegmentEnd(T, fading, intact, True, (direction * dx, direction * dy, direction * dz))
 
 
 @inner_kernel
-def is_whole(g: int, places: SlipPoints, elements: Elements) -> bool:
+def is_whole(g: int, points: SlipPoints, elements: Elements) -> bool:
     """Return whether no element of segment g is broken or removed."""
     broken = 0
-    for j in range(places.start[g], places.start[g + 1]):
-        broken += np.int64(elements.broken[places.element[j]] != 0)
+    for j in range(points.start[g], points.start[g + 1]):
+        broken += np.int64(elements.broken[points.element[j]] != 0)
     return broken == 0
 
 
 @inner_kernel
 def _segment_force(
-    g: int, places: SlipPoints, particles: Particles, elements: Elements, law: LawParameters
+    g: int, points: SlipPoints, particles: Particles, elements: Elements, law: LawParameters
 ) -> float:
     """Return the sum [N] of q(T) times the share over the elements of segment g, which is intact."""
     x, total = particles.x, 0.0
-    for j in range(places.start[g], places.start[g + 1]):
-        e = places.element[j]
+    for j in range(points.start[g], points.start[g + 1]):
+        e = points.element[j]
         a, b = elements.ends[e, 0], elements.ends[e, 1]
         dx, dy, dz = x[0, b] - x[0, a], x[1, b] - x[1, a], x[2, b] - x[2, a]
         L = max(math.sqrt(dx * dx + dy * dy + dz * dz), LENGTH2_OFFSET)
@@ -167,13 +167,13 @@ def _segment_force(
 
 
 @inner_kernel
-def _is_short(g: int, e: int, intact: bool, passed: float, places: SlipPoints, elements: Elements) -> bool:
+def _is_short(g: int, e: int, intact: bool, passed: float, points: SlipPoints, elements: Elements) -> bool:
     """Return whether too little of segment g remains, from which `passed` [m] left next to element e."""
     if intact:
         return elements.L0[e] <= shortest_length(e, elements)
     length = 0.0
-    for j in range(places.start[g], places.start[g + 1]):
-        e = places.element[j]
+    for j in range(points.start[g], points.start[g + 1]):
+        e = points.element[j]
         length += elements.strand[e] - shortest_length(e, elements)
     return passed >= length
 
@@ -181,48 +181,48 @@ def _is_short(g: int, e: int, intact: bool, passed: float, places: SlipPoints, e
 @inner_kernel
 def updated_slip_velocity(
     i: int,
-    kick_dt: float,
+    dt_v: float,
     share: float,
-    places: SlipPoints,
+    points: SlipPoints,
     particles: Particles,
     elements: Elements,
     law: LawParameters,
 ) -> tuple[float, float, float, float, bool]:
     """Return the velocity [m/s] of slip i half a step later, also without friction, and the forces on it.
 
-    The result is: velocity, velocity without friction, Q of the strands [N], other forces [N], and whether a
+    The result is: velocity, velocity without friction, Q [N], other forces [N], and whether a
     short segment blocks the slip.
     """
-    p, c, b, a = places.node[i], places.column[i], places.before[i], places.after[i]
-    segment_b, segment_a = places.segment_before[i], places.segment_after[i]
+    p, c, b, a = points.node[i], points.column[i], points.before[i], points.after[i]
+    segment_b, segment_a = points.segment_before[i], points.segment_after[i]
     old, inertia = particles.slip_v[c, p], particles.slip_mass[c, p]
-    before = _segment_end(b, is_whole(segment_b, places, elements), share, particles, elements, law)
-    after = _segment_end(a, is_whole(segment_a, places, elements), share, particles, elements, law)
+    before = _segment_end(b, is_whole(segment_b, points, elements), share, particles, elements, law)
+    after = _segment_end(a, is_whole(segment_a, points, elements), share, particles, elements, law)
     if not before.whole and not after.whole:
         return 0.0, old, 0.0, 0.0, False
     EA_b = elements.EA[b] if before.whole else elements.EA[a]
     EA_a = elements.EA[a] if after.whole else elements.EA[b]
     Q = 0.0
     if after.whole:
-        Q += _segment_force(segment_a, places, particles, elements, law)
+        Q += _segment_force(segment_a, points, particles, elements, law)
     if before.whole:
-        Q -= _segment_force(segment_b, places, particles, elements, law)
-    other_force = slip_force(after.hold, EA_a, law) - slip_force(before.hold, EA_b, law)
+        Q -= _segment_force(segment_b, points, particles, elements, law)
+    other_force = slip_force(after.fading, EA_a, law) - slip_force(before.fading, EA_b, law)
     other_force += particles.slip_load[c, p]
     mu, turn = particles.friction[c, p], 1.0
-    if mu > 0.0 and before.there and after.there:
+    if mu > 0.0 and before.pulls and after.pulls:
         u, w = before.along, after.along
         turn = exponential(-mu * angle_between(u[0], u[1], u[2], w[0], w[1], w[2]))
-    T_b, T_a = before.tension + before.hold, after.tension + after.hold
+    T_b, T_a = before.tension + before.fading, after.tension + after.fading
     limit = slip_limit(T_b, T_a, EA_b, EA_a, mu, particles.resistance[c, p], turn, law)
-    free = old + kick_dt * (Q + other_force) / inertia
-    speed = abs(free) - kick_dt * limit / inertia
+    free = old + dt_v * (Q + other_force) / inertia
+    speed = abs(free) - dt_v * limit / inertia
     new, passed = 0.0, particles.slip[c, p]
     if speed > 0.0:
         new = speed if free > 0.0 else -speed
-    if new > 0.0 and _is_short(segment_b, b, before.whole, passed, places, elements):
+    if new > 0.0 and _is_short(segment_b, b, before.whole, passed, points, elements):
         return 0.0, free, Q, other_force, True
-    if new < 0.0 and _is_short(segment_a, a, after.whole, -passed, places, elements):
+    if new < 0.0 and _is_short(segment_a, a, after.whole, -passed, points, elements):
         return 0.0, free, Q, other_force, True
     return new, free, Q, other_force, False
 
@@ -230,19 +230,19 @@ def updated_slip_velocity(
 @routine(real, real, real, SlipPoints, Particles, Elements, LawParameters)
 def update_slip_velocities(
     time: float,
-    kick_dt: float,
+    dt_v: float,
     share: float,
-    places: SlipPoints,
+    points: SlipPoints,
     particles: Particles,
     elements: Elements,
     law: LawParameters,
 ) -> int:
     """Update all slip velocities of a rank at a time [s] to n + 1/2, with work and heat."""
-    for i in range(places.node.shape[0]):
-        p, c = places.node[i], places.column[i]
+    for i in range(points.node.shape[0]):
+        p, c = points.node[i], points.column[i]
         old = particles.slip_v[c, p]
         new, free, Q, other_force, locked = updated_slip_velocity(
-            i, kick_dt, share, places, particles, elements, law
+            i, dt_v, share, points, particles, elements, law
         )
         particles.slip_v[c, p] = new
         if locked and particles.slip_locked[c, p] == 0.0:
@@ -250,17 +250,17 @@ def update_slip_velocities(
         if is_present(particles.slip_work):
             work = particles.slip_work
             mean = 0.5 * (old + new)
-            work[0, p] += kick_dt * mean * other_force
-            work[1, p] += kick_dt * mean * Q
+            work[0, p] += dt_v * mean * other_force
+            work[1, p] += dt_v * mean * Q
             work[2, p] += particles.slip_mass[c, p] * (free - new) * mean
     return 0
 
 
 @inner_kernel
-def update_slips(dt: float, places: SlipPoints, particles: Particles) -> None:
+def update_slips(dt: float, points: SlipPoints, particles: Particles) -> None:
     """Update the slips of a rank, halo included, to n + 1."""
-    for j in range(places.moving.shape[0]):
-        p, c = places.moving[j], places.of[j]
+    for j in range(points.moving.shape[0]):
+        p, c = points.moving[j], points.of[j]
         particles.slip[c, p] += dt * particles.slip_v[c, p]
 
 
@@ -268,9 +268,9 @@ def update_slips(dt: float, places: SlipPoints, particles: Particles) -> None:
 def slip_energies(
     i: int,
     part: float,
-    kick_dt: float,
+    dt_v: float,
     share: float,
-    places: SlipPoints,
+    points: SlipPoints,
     particles: Particles,
     elements: Elements,
     law: LawParameters,
@@ -279,10 +279,10 @@ def slip_energies(
 
     part : share of the velocity update that comes before n
     """
-    p, c = places.node[i], places.column[i]
+    p, c = points.node[i], points.column[i]
     old, inertia = particles.slip_v[c, p], particles.slip_mass[c, p]
-    new, free, Q, other_force, _ = updated_slip_velocity(i, kick_dt, share, places, particles, elements, law)
-    now, duration = old + part * (new - old), part * kick_dt
+    new, free, Q, other_force, _ = updated_slip_velocity(i, dt_v, share, points, particles, elements, law)
+    now, duration = old + part * (new - old), part * dt_v
     mean = 0.5 * (old + now)
     heat = part * inertia * (free - new) * mean
     return 0.5 * inertia * now * now, duration * mean * other_force, duration * mean * Q, heat

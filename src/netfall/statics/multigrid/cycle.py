@@ -42,7 +42,7 @@ class Elimination:
 
     def __init__(self, pattern: Pattern):
         """pattern : of the matrix, on the ranks. Collective."""
-        gathered = pattern.comm.allgather((pattern.rows.mine, np.diff(pattern.start), pattern.column))
+        gathered = pattern.comm.allgather((pattern.rows.own_gid, np.diff(pattern.start), pattern.column))
         rows, counts, columns = (np.concatenate(arrays) for arrays in zip(*gathered))
         counts, self.entries = row_entries(counts, np.argsort(rows))
         n, column = len(rows), columns[self.entries]
@@ -147,10 +147,10 @@ class VCycle:
         if k == len(self.levels):
             assert self.direct is not None
             whole = np.zeros((self.rows.n, 3), np.float32)
-            whole[self.rows.mine] = b
+            whole[self.rows.own_gid] = b
             self.comm.Allreduce(MPI.IN_PLACE, whole, MPI.SUM)  # only one term is not zero, so no rounding
             with np.errstate(over="ignore"):  # conjugate gradients notice a singular tangent
-                return self.direct(whole).astype(np.float32)[self.rows.mine]
+                return self.direct(whole).astype(np.float32)[self.rows.own_gid]
         level = self.levels[k]
         x: np.ndarray = level.matrix.own
         level.smooth(b, True)

@@ -92,7 +92,7 @@ class DistributedMatrix:
 
     def __init__(self, rows: BlockRows):
         """Collective."""
-        self.shared = SharedRows(rows.comm, len(rows.columns.mine), rows.pattern.ghosts)
+        self.shared = SharedRows(rows.comm, len(rows.columns.own_gid), rows.pattern.ghosts)
         self.share, self.x, self.own = self.shared.share, self.shared.rows, self.shared.own
         block = rows.block.reshape(-1, 9).astype(np.float32, copy=False)
         self.blocks = CompressedRows(rows.pattern.start, rows.pattern.local, block)

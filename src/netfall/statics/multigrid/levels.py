@@ -53,7 +53,7 @@ class Level:
 
     @cached_property
     def inverse(self) -> np.ndarray:
-        inverse = np.empty((len(self.matrix.rows.mine), 3, 3))
+        inverse = np.empty((len(self.matrix.rows.own_gid), 3, 3))
         invert_diagonal(self.matrix.pattern.diagonal, self.matrix.block, inverse)
         return inverse
 
@@ -61,7 +61,7 @@ class Level:
     def top(self) -> float:  # collective at the first call, if there is no bound
         if self.bound is not None:
             return self.bound
-        return largest_eigenvalue(self.product, self.matrix.rows.mine, self.single)
+        return largest_eigenvalue(self.product, self.matrix.rows.own_gid, self.single)
 
     @cached_property
     def single(self) -> np.ndarray:
@@ -84,7 +84,7 @@ class Coarsening:
 
     def __init__(self, matrix: Pattern, number: np.ndarray, count: int):
         """number, count : of `aggregates`. Collective."""
-        self.own = number[matrix.rows.mine]
+        self.own = number[matrix.rows.own_gid]
         rank, member = np.empty(count, np.int32), np.flatnonzero(number >= 0)
         rank[number[member[::-1]]] = matrix.rows.rank[member[::-1]]  # the owner of the first particle
         owners = Owners(matrix.comm, np.flatnonzero(rank == matrix.comm.rank))
@@ -273,7 +273,7 @@ def aggregates(matrix: Pattern, corners: bool) -> tuple[np.ndarray, int]:
     The algorithm is sequential in the order of the global numbers, so rank 0 runs it.
     """
     comm = matrix.comm
-    gathered: Any = comm.gather((matrix.rows.mine, np.diff(matrix.start), matrix.column))
+    gathered: Any = comm.gather((matrix.rows.own_gid, np.diff(matrix.start), matrix.column))
 
     def joined() -> Any:
         row, counts, column = (np.concatenate(arrays) for arrays in zip(*gathered))

@@ -150,7 +150,7 @@ def distribute_lines(distribution: Distribution, ends: np.ndarray, x: np.ndarray
     places = Owners(comm, own_places)
     order = np.argsort(node, kind="stable")
     number = np.bincount(node, minlength=distribution.n)
-    counts_at, place = row_entries(number, particles.mine)
+    counts_at, place = row_entries(number, particles.own_gid)
     node, element, place = node[own_places], element[own_places], order[place]
     continues = element >= 0
     node_ghosts = ghosts_of(comm, node, particles)
@@ -286,7 +286,12 @@ class LineSmoother:
 
     def __init__(self, lines: Lines, matrix: BlockRows, net: Any, K: Tangent):
         """Factorise the lines of the tangent in `matrix`. Collective. net : `relaxation.Net`"""
-        comm, n, K, own_rows = matrix.comm, len(matrix.rows.mine), without_compression(K), lines.element_rows
+        comm, n, K, own_rows = (
+            matrix.comm,
+            len(matrix.rows.own_gid),
+            without_compression(K),
+            lines.element_rows,
+        )
         element_arrays = (
             rows if len(own_rows) == len(rows) else rows[own_rows]
             for rows in (K.direction, K.axial, K.across)

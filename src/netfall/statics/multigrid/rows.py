@@ -20,16 +20,16 @@ from netfall.parallel.mpi import MPI
 class Owners:
     """Distribution of the rows of a matrix or vector over the ranks, known to all ranks.
 
-    mine : global numbers of this rank's rows, in its order; rank, place : (n,) the owner of each row, and its
+    own_gid : of this rank's rows, in its order; rank, place : (n,) the owner of each row, and its
         index on that rank
     """
 
-    def __init__(self, comm: MPI.Comm, mine: np.ndarray):
+    def __init__(self, comm: MPI.Comm, own_gid: np.ndarray):
         """Collective."""
-        everyone = comm.allgather(mine)
-        self.mine, self.n = mine, sum(map(len, everyone))
+        gid_of_ranks = comm.allgather(own_gid)
+        self.own_gid, self.n = own_gid, sum(map(len, gid_of_ranks))
         self.rank, self.place = np.empty((2, self.n), np.int32)
-        for rank, rows in enumerate(everyone):
+        for rank, rows in enumerate(gid_of_ranks):
             self.rank[rows], self.place[rows] = rank, np.arange(len(rows))
 
 
@@ -48,11 +48,11 @@ class Ghosts(NamedTuple):
         """Return this rank's rows (n, ...), followed by its ghosts. Collective."""
         return with_received(comm, self.requested_places, own)
 
-    def local_rows(self, wanted: np.ndarray, owners: Owners) -> np.ndarray:
-        """Return the local rows of wanted ones (k,), given by global numbers: own rows first, then ghosts."""
+    def local_rows(self, needed_gid: np.ndarray, owners: Owners) -> np.ndarray:
+        """Return the local rows of global numbers (k,): own rows first, then ghosts."""
         row = owners.place.copy()
-        row[self.number] = len(owners.mine) + np.arange(len(self.number), dtype=np.int32)
-        return row[wanted]
+        row[self.number] = len(owners.own_gid) + np.arange(len(self.number), dtype=np.int32)
+        return row[needed_gid]
 
 
 def with_received(
@@ -67,11 +67,11 @@ def with_received(
     return np.concatenate([values[own], *comm.alltoall([values[rows] for rows in entries])])
 
 
-def ghosts_of(comm: MPI.Comm, wanted: np.ndarray, owners: Owners) -> Ghosts:
+def ghosts_of(comm: MPI.Comm, needed_gid: np.ndarray, owners: Owners) -> Ghosts:
     """Find the ghosts among rows that a rank needs, by global numbers in any order and number. Collective."""
     needs = np.zeros(owners.n, bool)
-    needs[wanted] = True
-    needs[owners.mine] = False
+    needs[needed_gid] = True
+    needs[owners.own_gid] = False
     number = np.flatnonzero(needs)
     number = number[np.argsort(owners.rank[number], kind="stable")]
     counts = np.bincount(owners.rank[number], minlength=comm.size)
@@ -103,7 +103,7 @@ class Pattern:
     @cached_property
     def row(self) -> np.ndarray:
         """Return the global number (k,) of the row of each block."""
-        return np.repeat(self.rows.mine, np.diff(self.start))
+        return np.repeat(self.rows.own_gid, np.diff(self.start))
 
     @cached_property
     def diagonal(self) -> np.ndarray:
@@ -241,7 +241,7 @@ class TransposedMatrix:
         )
         place = matrix.columns.place[column]
         self.order = np.lexsort((row, place))
-        start = row_starts(np.bincount(place, minlength=len(matrix.columns.mine)))
+        start = row_starts(np.bincount(place, minlength=len(matrix.columns.own_gid)))
         self.pattern = Pattern(self.comm, start, row[self.order], matrix.columns, matrix.rows)
 
     def of(self, matrix: BlockRows) -> BlockRows:
