@@ -199,7 +199,7 @@ def test_a_pause_in_the_search_for_the_damaged_equilibrium_changes_no_bit(worksh
     stop, losses = SimpleNamespace(is_set=False), []
 
     def pausing(scene, each, *arguments, **options):
-        losses.extend([each.words] * (each.kind == "removal"))
+        losses.extend([each.title] * (each.kind == "removal"))
         stop.is_set = len(losses) == 2
         return solve_equilibrium(scene, each, *arguments, **options)
 

@@ -251,7 +251,7 @@ def equilibria_time(problem: Problem) -> tuple[float, str]:
     if is_predicted(loaded(problem, requests[-1]).load):
         return PREDICTED_S * m * count, ""
     is_first_predicted = is_predicted(loaded(problem, requests[0]).load)
-    predicted = sum(each.kind == "permanent" for each, _ in requests) if is_first_predicted else 0
+    predicted = sum(load_case.kind == "permanent" for load_case, _ in requests) if is_first_predicted else 0
     remark = ""
     if problem.state.features.plastic or problem.state.features.fracture:
         remark = f"; a load without equilibrium takes up to {LIMIT_LOAD_SEARCH_RATIO} times as long"

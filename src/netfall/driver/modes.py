@@ -293,7 +293,7 @@ def go_to_equilibrium(job: Job, problem: Problem) -> tuple[str, list[str]]:
 
     The full load is applied at once, in contrast to the steps of a run.
     """
-    requests = [request for request in equilibria(problem) if request.each.kind in LOAD_NAMES]
+    requests = [request for request in equilibria(problem) if request.load_case.kind in LOAD_NAMES]
     if not derived.has_statics(job) or not requests:
         return "in the initial state, without loads", []
     last = loaded(problem, requests[-1])

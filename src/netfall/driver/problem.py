@@ -48,7 +48,7 @@ class BuildUp:
     erection
     form_sections : datasets of /form_finding; sections : of other groups of the file; labels : attributes
     lines : to print; records : of checkpoints, by name; failure : error that ends the build-up, or None
-    left : largest residual and tension [N] at the start, if stages or another temperature precede it
+    start_residual : largest residual and tension [N], if stages or another temperature precede it
     """
 
     base: Model | None = None
@@ -59,7 +59,7 @@ class BuildUp:
     lines: Sequence[str] = ()
     records: Mapping[str, tuple[dict[str, Any], dict[str, np.ndarray]]] = field(default_factory=dict)
     failure: DivergedError | None = None
-    left: tuple[float, float] | None = None
+    start_residual: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -128,8 +128,8 @@ def set_up_slip(problem: Problem) -> None:
 class RunContext:
     """Run context of a stage on one rank: output, progress, checkpoints.
 
-    stop : stop flag; memory : cache of results for the runs in this process
-    watch : is called on all ranks with the state, snapshot, group and load factor of each equilibrium
+    stop : stop flag; cache : cache of results for the runs in this process
+    on_equilibrium : called on all ranks with the state, snapshot, group and load factor of each equilibrium
     make_plan : makes the step plan of the dynamic stage, on the CPU or on a GPU
     """
 
@@ -139,8 +139,8 @@ class RunContext:
     progress: Progress
     phases: PhaseTimes
     stop: StopFlag = NEVER_STOP
-    memory: ResultCache = NO_CACHE
-    watch: Callable[[State, Any, str, float], None] = lambda *_: None
+    cache: ResultCache = NO_CACHE
+    on_equilibrium: Callable[[State, Any, str, float], None] = lambda *_: None
     make_plan: Callable[..., StepPlan] = StepPlan
 
 
@@ -164,9 +164,9 @@ UNKNOWN_LOAD = np.zeros((0, 3))  # N, placeholder of a load that is not computed
 
 
 class EquilibriumRequest(NamedTuple):
-    """Equilibrium to compute; each : its load, without arrays, which actions_of(model) returns on rank 0"""
+    """Equilibrium to compute. load_case : without arrays; actions_of(model) : returns these, on rank 0"""
 
-    each: StaticLoad
+    load_case: StaticLoad
     actions_of: Callable[[Model], Actions]
 
 
@@ -180,25 +180,25 @@ def equilibria(problem: Problem) -> list[EquilibriumRequest]:
     has_cases = bool(job.cases or job.combinations)
     requests: list[EquilibriumRequest] = []
 
-    def want(kind: str, name: str, acts: Callable[[Model], np.ndarray], **options: Any) -> None:
+    def add(kind: str, name: str, load_of: Callable[[Model], np.ndarray], **options: Any) -> None:
         load = StaticLoad(kind, name, UNKNOWN_LOAD, weights=weights, **options)
-        requests.append(EquilibriumRequest(load, lambda model: Actions(acts(model))))
+        requests.append(EquilibriumRequest(load, lambda model: Actions(load_of(model))))
 
-    def want_apart(kind: str, name: str, acts: Callable[[Model], Actions], weights: float) -> None:
+    def add_separate(kind: str, name: str, actions_of: Callable[[Model], Actions], weights: float) -> None:
         load = StaticLoad(kind, f"{kind} {name}", UNKNOWN_LOAD, 1.0, name, True, weights=weights)
-        requests.append(EquilibriumRequest(load, acts))
+        requests.append(EquilibriumRequest(load, actions_of))
 
     features = problem.state.features
     starts_loaded = final_wind or starts_loaded_for_removal(job)
     if has_load_cases(job) or (starts_loaded and (features.plastic or features.slip)):
-        want("permanent", "the permanent loads", lambda model: model.loading.permanent)
+        add("permanent", "the permanent loads", lambda model: model.loading.permanent)
     for case in job.cases:
-        want_apart("case", case.name, partial(case_actions, job, case), weights)
+        add_separate("case", case.name, partial(case_actions, job, case), weights)
     for entry in job.combinations:
         weight = weights * action_factor(entry, "permanent")
-        want_apart("combination", entry.name, partial(combination_actions, job, entry), weight)
+        add_separate("combination", entry.name, partial(combination_actions, job, entry), weight)
     for step in range(1, steps + 1):
-        want(
+        add(
             "step",
             f"static load step {step} of {steps}",
             partial(_step_load, step / steps),
@@ -207,9 +207,9 @@ def equilibria(problem: Problem) -> list[EquilibriumRequest]:
             start_factor=(step - 1) / steps,
         )
     if final_wind and not steps:
-        want("at once", "the constant loads", lambda model: model.load, factor=1.0, from_permanent=has_cases)
+        add("at once", "the constant loads", lambda model: model.load, factor=1.0, from_permanent=has_cases)
     if starts_loaded_for_removal(job):
-        want(
+        add(
             "initial_state",
             ALL_LOADS,
             lambda model: model.load,
@@ -217,7 +217,7 @@ def equilibria(problem: Problem) -> list[EquilibriumRequest]:
             from_permanent=has_cases and not steps,
         )
     if final_wind:
-        want("initial_state", "the mean wind", lambda model: model.load + model.mean_wind, factor=1.0)
+        add("initial_state", "the mean wind", lambda model: model.load + model.mean_wind, factor=1.0)
     return requests
 
 
@@ -238,4 +238,4 @@ def loaded(problem: Problem, request: EquilibriumRequest) -> StaticLoad:
     for name in problem.comm.bcast(given):
         scatter = distribution.elements if name == "L0" else distribution.particles
         parts[name] = scatter(getattr(actions, name) if actions else None)
-    return request.each._replace(**parts)
+    return request.load_case._replace(**parts)

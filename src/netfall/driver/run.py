@@ -112,7 +112,7 @@ def make_context(
     progress: Progress,
     phases: PhaseTimes,
     stop: StopFlag = NEVER_STOP,
-    memory: ResultCache = NO_CACHE,
+    cache: ResultCache = NO_CACHE,
     given: Path | None = None,
     checkpoint: Checkpoint | None = None,
 ) -> RunContext:
@@ -124,7 +124,7 @@ def make_context(
     log, net, job = EventLog(problem.distribution.n), problem.model and problem.model.net, problem.job
     result: Any = Result(path, problem.distribution, net, log) if path else NullResult(problem.comm)
     saver = CheckpointWriter(result, job.title or job.name, problem.digest, STAGE_NAMES, given, checkpoint)
-    return RunContext(log, result, saver, progress, phases, stop, memory)
+    return RunContext(log, result, saver, progress, phases, stop, cache)
 
 
 class NullResult:
@@ -200,8 +200,8 @@ def register_state(problem: Problem, context: RunContext) -> None:
     """Register the states outside the stages, and restore those of a resumed run. Collective."""
     if context.saver.given:
         context.progress.say(f"resumed from {context.saver.given}")
-    built = problem.build_up
-    for name, record in {INITIAL: initial_record(problem.form, built.base), **built.records}.items():
+    build_up = problem.build_up
+    for name, record in {INITIAL: initial_record(problem.form, build_up.base), **build_up.records}.items():
         # `prepare_problem` has restored the record of a resumed run.
         context.saver.register_constant(name, record)
     context.saver.register_result()
@@ -231,10 +231,10 @@ def of_form(problem: Problem) -> Outcome:
 
 def initial_sections(problem: Problem, balance: Balance | None) -> dict[str, dict[str, Any]]:
     """Return the small datasets of the net, its loads and its form, on rank 0. balance : of the form"""
-    model, form, built = problem.model, problem.form, problem.build_up
-    if model is None or built.base is None:
+    model, form, build_up = problem.model, problem.form, problem.build_up
+    if model is None or build_up.base is None:
         return {}
-    net = replace(model.net, density=built.base.net.density)  # erection sets 0 for removed elements
+    net = replace(model.net, density=build_up.base.net.density)  # erection sets 0 for removed elements
     sections: dict[str, dict[str, Any]] = {"net": net_section(net, model.roof, model.cut_length)}
     sections["load"] = load_datasets(problem.job, model.roof.zones)
     if "temperature" in sections["load"]:
@@ -242,7 +242,7 @@ def initial_sections(problem: Problem, balance: Balance | None) -> dict[str, dic
     if model.layout.slides:
         sections["slide"] = slide_section(model.net, model.layout.slides)
     if form and balance:
-        model = built.form or model
+        model = build_up.form or model
         sections["form_finding"] = {
             "iterations": np.int64(form.iterations),
             "residual": _relative(form.residual, form.reference),
@@ -256,8 +256,8 @@ def initial_sections(problem: Problem, balance: Balance | None) -> dict[str, dic
         }
         if form.self_stress is not None:
             sections["form_finding"]["self_stress"] = form.self_stress
-        sections["form_finding"] |= built.form_sections
-    return {**sections, **built.sections}
+        sections["form_finding"] |= build_up.form_sections
+    return {**sections, **build_up.sections}
 
 
 def _relative(residual: float, reference: float) -> np.float64:

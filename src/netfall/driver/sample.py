@@ -115,7 +115,7 @@ class EquilibriumExtremes:
         self.rows = Extremes(tension, at_end, strain, np.zeros(m), np.zeros(n), np.zeros(n))
         self.sunk = [self.rows.sunk]
 
-    def take_in(self, state: State, snapshot: Snapshot, place: str, live: float) -> None:
+    def include(self, state: State, snapshot: Snapshot, place: str, live: float) -> None:
         """Include an equilibrium; place, live : as in `end_weight_rows`. Collective."""
         largest, displacement = self.rows, (state.x - state.x_start)[snapshot.rows]
         at_end = snapshot.N + end_weight_rows(self.problem, place, state.x[snapshot.rows], live)
@@ -137,7 +137,7 @@ def run_sample(
     comm: MPI.Comm,
     read: Callable[[], Job],
     path: Path | None,
-    memory: ResultCache,
+    cache: ResultCache,
     profile: bool = False,
     depth: float | None = None,
     choose_plan: Callable[[Features], Callable[..., StepPlan]] = lambda features: StepPlan,
@@ -146,7 +146,7 @@ def run_sample(
     """Run a job. Return its outcomes and `exit_code`, as of `netfall run`, on rank 0. Collective.
 
     read : reads the job, on every rank; path : of a result file, None: no file
-    memory : cache of earlier runs in this process; profile : whether to time the parts of a step
+    cache : cache of earlier runs in this process; profile : whether to time the parts of a step
     depth : [m], of the outcome `sunk_area`
     choose_plan : returns the function that makes the `StepPlan` of a problem; raises InputError without one
     say : receives the warnings, on rank 0
@@ -156,7 +156,7 @@ def run_sample(
     begin, progress = time.perf_counter(), Progress(False)
     try:
         phases = PhaseTimes(profile)
-        outcome = _run_outcomes(comm, read(), path, memory, phases, depth, choose_plan, progress)
+        outcome = _run_outcomes(comm, read(), path, cache, phases, depth, choose_plan, progress)
         outcomes = (outcome or {}) | {"exit_code": 0}
         outcomes["state"] = outcomes.get("state") or "finished"
     except (errors.InputError, errors.DivergedError, errors.OutputError) as error:
@@ -191,7 +191,7 @@ def _run_outcomes(
     comm: MPI.Comm,
     job: Job,
     path: Path | None,
-    memory: ResultCache,
+    cache: ResultCache,
     phases: PhaseTimes,
     depth: float | None,
     choose_plan: Callable[[Features], Callable[..., StepPlan]],
@@ -201,13 +201,13 @@ def _run_outcomes(
     if path:
         on_root(comm, lambda: check_output_path(path))
         check_one_folder(comm, path)
-    problem = prepare_problem(comm, job, phases, memory=memory)[0]
+    problem = prepare_problem(comm, job, phases, cache=cache)[0]
     if comm.rank == 0:
         progress.say(*problem.build_up.lines, *([] if problem.failure else run_notes(problem)))
-    context, watched = make_context(problem, path, progress, phases, memory=memory), None
+    context, accumulator = make_context(problem, path, progress, phases, cache=cache), None
     if job.dynamics is None:
-        watched = EquilibriumExtremes(problem)
-        context = replace(context, watch=watched.take_in)
+        accumulator = EquilibriumExtremes(problem)
+        context = replace(context, on_equilibrium=accumulator.include)
     try:
         if job.dynamics:
             context = replace(context, make_plan=choose_plan(problem.state.features))
@@ -218,12 +218,12 @@ def _run_outcomes(
         problem.halo.free()
         raise
     problem.halo.free()
-    last = statics.NAME if watched else dynamics.NAME
-    rows = watched.complete() if watched else extremes_of_motion(problem, outcomes[last].result)
+    last = statics.NAME if accumulator else dynamics.NAME
+    rows = accumulator.complete() if accumulator else extremes_of_motion(problem, outcomes[last].result)
     extremes = gather_extremes(problem, rows)
     if problem.model is None or extremes is None:
         return None
-    if watched:
+    if accumulator:
         measured = _of_net(problem.model.net, problem.model.roof.area, extremes, depth)
         measured |= {"detached_area": 0.0, "utilisation_before_break": utilisation(problem.model, extremes)}
     else:
@@ -324,7 +324,7 @@ def utilisation(model: Model, extremes: Extremes) -> float:
 def study_net(
     comm: MPI.Comm,
     read: Callable[[], Job],
-    memory: ResultCache,
+    cache: ResultCache,
     say: Callable[[list[str]], None] = lambda lines: None,
 ) -> dict[str, np.ndarray] | None:
     """Return the datasets of /net in a study file for the form-found net of a job, on rank 0. Collective.
@@ -332,7 +332,7 @@ def study_net(
     None if the job has no form. say : receives the warnings and notes before the run
     """
     try:
-        problem = prepare_problem(comm, read(), PhaseTimes(), memory=memory)[0]
+        problem = prepare_problem(comm, read(), PhaseTimes(), cache=cache)[0]
     except (errors.InputError, errors.DivergedError):
         return None
     problem.halo.free()

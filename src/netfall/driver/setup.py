@@ -97,7 +97,7 @@ def prepare_problem(
     result: Path | None = None,
     restart: Path | None = None,
     stop: StopFlag = NEVER_STOP,
-    memory: ResultCache = NO_CACHE,
+    cache: ResultCache = NO_CACHE,
     describe: Callable[[Layout | None, Features], None] = lambda layout, features: None,
 ) -> tuple[Problem, Checkpoint | None]:
     """Return the job in its initial state (form, prestress, load), and on rank 0 the checkpoint. Collective.
@@ -105,14 +105,14 @@ def prepare_problem(
     If targets are not met or a stage of erection has no equilibrium, `Problem.failure` is set. The problem
     then has no limits and no schedule.
     result : path of the result file, next to which an interrupted preparation leaves a checkpoint
-    restart : the checkpoint to resume; memory : cache of earlier runs
+    restart : the checkpoint to resume; cache : cache of earlier runs
     describe : receives the given net, on rank 0, and its features, before form finding
 
     Raises InputError for errors in the job, DivergedError if form finding does not converge, Interrupted if
     `stop` is set.
     """
     with phases.phase("net and partition"):
-        layout, features, distribution, halo = _distribute(comm, job, memory)
+        layout, features, distribution, halo = _distribute(comm, job, cache)
     describe(layout, features)
     net = layout and layout.net
     digest = comm.bcast(layout_digest(job, net) if layout else None)
@@ -125,10 +125,10 @@ def prepare_problem(
         elif job.form_finding is not None:
             key = comm.bcast(cache_key(job, without=WIND_SPEED_KEYS) if layout else None)
             find = partial(find_initial_form, job, layout, distribution, halo, report, save, checkpoint, stop)
-            form, x, N = memory.get_or_compute("form", key, find)
+            form, x, N = cache.get_or_compute("form", key, find)
         else:
             form, x, N = None, layout and net.x, None
-        model = on_root(comm, lambda: _make_model(job, layout, x, N, memory))
+        model = on_root(comm, lambda: _make_model(job, layout, x, N, cache))
     with phases.phase("state"):
         state = make_state(distribution, job, model, features)
         residual = state_residual(comm, state, distribution.particles(model and model.form_load))
@@ -151,7 +151,7 @@ def prepare_problem(
     problem = replace(problem, build_up=BuildUp(base=model))
     if job.targets or job.stages or comm.bcast(net is not None and bool(net.length_error.any())):
         with phases.phase("erection"):
-            problem = solve_initial_state(problem, save, checkpoint, stop, memory)
+            problem = solve_initial_state(problem, save, checkpoint, stop, cache)
     if problem.failure:
         return problem, checkpoint
     with phases.phase("state"):
@@ -164,8 +164,8 @@ def prepare_problem(
 def _at_start(problem: Problem) -> Problem:
     """Return the problem with its slip points, at the temperature of [load]. Collective.
 
-    `build_up.left` becomes the largest residual and tension [N]: with stages under [load]; without stages and
-    statics, at another temperature, without loads.
+    `build_up.start_residual` is set after stages, under [load]. It is also set at another temperature without
+    stages and statics; then no load acts.
     """
     comm, job, distribution = problem.comm, problem.job, problem.distribution
     set_up_slip(problem)
@@ -179,24 +179,24 @@ def _at_start(problem: Problem) -> Problem:
         largest = float(np.abs(problem.state.present_element_state().N).max(initial=0.0))
         load = distribution.particles(problem.model and problem.model.load)
         load = load if job.stages else np.zeros_like(load)
-        left = state_residual(comm, problem.state, load), comm.allreduce(largest, MPI.MAX)
-        problem = replace(problem, build_up=replace(problem.build_up, left=left))
+        largest_values = state_residual(comm, problem.state, load), comm.allreduce(largest, MPI.MAX)
+        problem = replace(problem, build_up=replace(problem.build_up, start_residual=largest_values))
     return problem
 
 
-def _make_model(job: Job, layout: Layout, x: Any, N: Any, memory: ResultCache) -> Model:
+def _make_model(job: Job, layout: Layout, x: Any, N: Any, cache: ResultCache) -> Model:
     """Build the model; an InputError also contains the warnings of nodes that form finding moved far."""
     try:
-        return make_model(job, layout, x, N, memory, before_stages=bool(job.stages))
+        return make_model(job, layout, x, N, cache, before_stages=bool(job.stages))
     except InputError as error:
         net = layout.net
         changes = [*form_lines(net, x), *bar_length_warnings(net, x)]
         raise InputError([*filter(is_warning, changes), *error.lines]) from None
 
 
-def _distribute(comm: MPI.Comm, job: Job, memory: ResultCache) -> tuple[Any, ...]:
+def _distribute(comm: MPI.Comm, job: Job, cache: ResultCache) -> tuple[Any, ...]:
     """Return the layout of the net, on rank 0, its features, and its parts on the ranks. Collective."""
-    layout = on_root(comm, lambda: make_layout(job, comm.size, memory))
+    layout = on_root(comm, lambda: make_layout(job, comm.size, cache))
     net = layout and layout.net
     n, m, features = comm.bcast(layout and (net.n, net.m, make_features(job, net, layout.slides)))
     joints = [layout.chains.particles] if layout and layout.chains else []

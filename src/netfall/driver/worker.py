@@ -97,7 +97,7 @@ def run_tasks(device: str = "cpu") -> None:
     os.dup2(2, 1)  # output of libraries must not mix with answers
     compile_missing(comm)  # one of several workers compiles for all
     send({"ranks": comm.size, "program": program_digest()})
-    memory = ResultCache(CACHE_SIZE)
+    cache = ResultCache(CACHE_SIZE)
 
     def run(
         task: dict[str, Any], advance: "Advance | None" = None, gpu: "Gpu | None" = None
@@ -110,13 +110,13 @@ def run_tasks(device: str = "cpu") -> None:
 
         result = Path(task["result"]) if task["result"] else None
         if task["net"]:
-            net = study_net(comm, partial(read, task), memory, notes.extend) or {}
+            net = study_net(comm, partial(read, task), cache, notes.extend) or {}
             answer: dict[str, Any] | None = {
                 "net": {name: encode_array(array) for name, array in net.items()}
             }
         else:
             settings = task["profile"], task["depth"], choose_plan, notes.extend
-            answer = run_sample(comm, partial(read, task), result, memory, *settings)
+            answer = run_sample(comm, partial(read, task), result, cache, *settings)
         return answer and answer | {"number": task["number"], "notes": notes}
 
     if device != "cpu":

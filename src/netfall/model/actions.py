@@ -43,7 +43,7 @@ class StaticLoad(NamedTuple):
 
     kind : "permanent", "case", "combination", "step", "at once" or "initial_state", see
         `driver.problem`; or "removal", `driver.removal.equilibria`
-    words : for messages
+    title : its name in messages
     load : (n, 3) [N], owned and halo; factor : of the variable load; name : of a case
     from_permanent : whether it starts from the equilibrium under the permanent loads, not from the last one
     start_factor : load factor of the equilibrium that it starts from
@@ -53,7 +53,7 @@ class StaticLoad(NamedTuple):
     """
 
     kind: str
-    words: str
+    title: str
     load: np.ndarray
     factor: float = 0.0
     name: str = ""

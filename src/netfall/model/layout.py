@@ -112,10 +112,10 @@ class Layout:
     notes: tuple[str, ...]
 
 
-def make_layout(job: Job, ranks: int, memory: ResultCache = NO_CACHE) -> Layout:
+def make_layout(job: Job, ranks: int, cache: ResultCache = NO_CACHE) -> Layout:
     """Build the net, roof, zones and partition of a job. Raises InputError."""
     key = ranks, cache_key(job, without=WIND_SPEED_KEYS)
-    net, roofing, zones, part, source = memory.get_or_compute("net", key, lambda: _partition_net(job, ranks))
+    net, roofing, zones, part, source = cache.get_or_compute("net", key, lambda: _partition_net(job, ranks))
     if chains := find_bending_chains(net):
         net = replace(net, bending=(chains.at != NO_BENDING).any(1))  # other bars buckle as hinged ones
     lost, probes = find_removed_elements(job, net), find_probes(job, net)

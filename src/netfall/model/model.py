@@ -174,7 +174,7 @@ def make_model(
     layout: Layout,
     x: np.ndarray,
     N: np.ndarray | None,
-    memory: ResultCache = NO_CACHE,
+    cache: ResultCache = NO_CACHE,
     before_stages: bool = False,
 ) -> Model:
     """Build the model of the initial state x (n, 3) [m] with axial forces N (m,) [N].
@@ -187,8 +187,8 @@ def make_model(
     N, L0 = _unstressed_state(job, net, L, net.prestress if N is None else N)
     notes = check_initial_strains(job, net, N, L, L0)
     # `cache_key` is expensive: it reads all tables
-    key = (cache_key(job), x.tobytes()) if memory.most else None
-    areas = memory.get_or_compute("areas", key, lambda: _areas_at(layout, x))
+    key = (cache_key(job), x.tobytes()) if cache.most else None
+    areas = cache.get_or_compute("areas", key, lambda: _areas_at(layout, x))
     roof = roof_areas(net, areas, layout.zones, slender_elements(net, x, L0))
     notes += zone_without_area_notes(layout.zones, roof.area) if derived.has_area_loads(job) else []
     notes += snow_on_upright_notes(job, roof)
@@ -199,7 +199,7 @@ def make_model(
     loading = loads.make_loading(job, roof, own, layout.loads.forces(net, L0, net.is_there))
     form_load = _form_load(net, loading) if derived.carries_permanent(job) else np.zeros_like(x)
     mass, added = _scale_masses(job, net, L0, own + net.mass + loading.carried)
-    field, history = _wind(job, layout, x, roof, memory, key)
+    field, history = _wind(job, layout, x, roof, cache, key)
     air_mass = loads.added_air_mass(job, roof)
     motion = make_motion(job, net, x, before_stages) if derived.moves_supports(job) else None
     notes += motion.notes if motion else []
@@ -318,7 +318,7 @@ def _scale_masses(
 
 
 def _wind(
-    job: Job, layout: Layout, x: np.ndarray, roof: RoofAreas, memory: ResultCache, key: Any
+    job: Job, layout: Layout, x: np.ndarray, roof: RoofAreas, cache: ResultCache, key: Any
 ) -> tuple[Any, ...]:
     """Return the wind field at x (n, 3) [m], and the wind history; None, None without wind.
 
@@ -335,7 +335,7 @@ def _wind(
         patches = loads.exposed_patches(roof, x, settings, job.load)
         return make_wind_field(x, exposed, settings, places, force, patches)
 
-    field = memory.get_or_compute("wind", key, make)
+    field = cache.get_or_compute("wind", key, make)
     return field, measured or GeneratedHistory(field, job.wind)
 
 

@@ -61,15 +61,23 @@ class InteriorPoint:
     now : (4, k), the tension N, its distance from the limit, p and q, all [N]
     gap : barrier parameter [J]
     work : `work_control.Work`, controls the load, None: the load is given
-    watch() : called when the barrier parameter has been reduced at least twice; it may raise
+    check_limit() : called when the barrier parameter has been reduced at least twice; it may raise
     gradients : iterations so far
     size : of the last step, the larger of the shares of `Newton.sizes`
     missing : estimated errors after that step, at least the deviation of tensions from the law
     """
 
-    def __init__(self, newton: Newton, state: State, stop: StopFlag, work: Any = None, watch: Any = None):
+    def __init__(
+        self, newton: Newton, state: State, stop: StopFlag, work: Any = None, check_limit: Any = None
+    ):
         """Start from the present positions. Collective. Raises NoConvergence if the net has no cables."""
-        self.newton, self.state, self.stop, self.work, self.watch = newton, state, stop, work, watch
+        self.newton, self.state, self.stop, self.work, self.check_limit = (
+            newton,
+            state,
+            stop,
+            work,
+            check_limit,
+        )
         self.steps = self.gradients = 0
         self.rows = rows = np.flatnonzero((state.EA > 0.0) & (state.bar == 0))
         self.owned = own = newton.distribution.subdomain.element_owned[rows]
@@ -187,8 +195,8 @@ class InteriorPoint:
         is_settled = self.few(np.count_nonzero(unsettled))
         if step_share == 1.0 and displacement < LARGE_SHARE and is_settled:
             self.gap = max(BARRIER_FACTOR * self.gap, np.finfo(float).eps * self.energy)
-            if self.watch is not None and self.gap < 2.0 * BARRIER_FACTOR**2 * self.first_gap:
-                self.watch()
+            if self.check_limit is not None and self.gap < 2.0 * BARRIER_FACTOR**2 * self.first_gap:
+                self.check_limit()
 
     def _changes(self, tension_change: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the changes (4, k) of `now` in a step, for changes of tension (k,) [N].

@@ -75,7 +75,7 @@ class EquilibriumFinder:
     """Search for equilibria of one state.
 
     slips : cables that slide over nodes, None: there are none
-    report(words) : receives a line of text about the progress
+    report(text) : receives a line of text about the progress
     """
 
     comm: MPI.Comm
@@ -83,7 +83,7 @@ class EquilibriumFinder:
     distribution: Distribution
     state: State
     slips: Slips | None = None
-    report: Callable[[str], None] = field(default_factory=lambda: lambda words: None, init=False)
+    report: Callable[[str], None] = field(default_factory=lambda: lambda text: None, init=False)
     _structure: CycleStructure | None = field(default=None, init=False)
 
     def reset_structure(self) -> None:
@@ -108,11 +108,11 @@ class EquilibriumFinder:
         criterion: Criterion,
         stop: StopFlag = NEVER_STOP,
         resume: Relaxation | None = None,
-        watch: Callable[[], None] | None = None,
+        check_limit: Callable[[], None] | None = None,
     ) -> Solution:
         """Bring the state to equilibrium under a load (n, 3) [N] of owned and halo particles. Collective.
 
-        stop, resume : see `relax`; watch : see `InteriorPoint`
+        stop, resume : see `relax`; check_limit : see `InteriorPoint`
 
         Raises DivergedError if no equilibrium is found, UnboundedDisplacement if there is none, Paused if
         the stop flag is set.
@@ -125,7 +125,7 @@ class EquilibriumFinder:
         else:
             resume = None
             try:
-                return self._find_directly(newton, criterion.tolerance, stop, watch)
+                return self._find_directly(newton, criterion.tolerance, stop, check_limit)
             except StopRequested:
                 x[:] = start
                 raise Paused(initial_relaxation(start)) from None
@@ -145,12 +145,12 @@ class EquilibriumFinder:
         return self._allows_interior_point() and self.state.features.plastic
 
     def _find_directly(
-        self, newton: Newton, tolerance: float, stop: StopFlag, watch: Callable[[], None] | None
+        self, newton: Newton, tolerance: float, stop: StopFlag, check_limit: Callable[[], None] | None
     ) -> Solution:
         """Find the equilibrium by Newton's method, otherwise by the interior point method. Collective.
 
         The latter's last correction is one of Newton's method if that converges. Raises NoConvergence,
-        StopRequested, UnboundedDisplacement, and what watch() raises.
+        StopRequested, UnboundedDisplacement, and what check_limit() raises.
         """
         state, x = self.state, self.state.x
         start, has_second = x.copy(order="K"), self._allows_interior_point()
@@ -160,7 +160,7 @@ class EquilibriumFinder:
             if not has_second:
                 raise
         x[:] = start
-        mixed, solution = InteriorPoint(newton, state, stop, watch=watch), None
+        mixed, solution = InteriorPoint(newton, state, stop, check_limit=check_limit), None
         for size in STEP_SIZES:
             start_point = mixed.iterate(size, tolerance)
             if max(mixed.missing) <= tolerance:

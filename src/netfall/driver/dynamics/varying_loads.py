@@ -153,7 +153,7 @@ class FadingLoad(VaryingLoad):
     def __init__(self, particle_gid: np.ndarray, duration: float):
         """particle_gid : (n,) global numbers of the rank's particles; duration : [s]"""
         super().__init__([0.0, math.inf])
-        self.particle_gid, self.duration, self.zero = particle_gid, duration, math.inf
+        self.particle_gid, self.duration, self.end_time = particle_gid, duration, math.inf
         self.elements, self.tension = np.zeros(0, np.int64), np.zeros(0)
 
     def begin(self, time: float, ends: np.ndarray, force: np.ndarray, elements: np.ndarray) -> None:
@@ -163,43 +163,43 @@ class FadingLoad(VaryingLoad):
         elements : (k,) local rows, -1: not on this rank; needed by the slip points next to them
         """
         self.elements, self.tension = elements[elements >= 0], lengths(force[elements >= 0])
-        self.zero = time + self.duration  # the tension is zero from here on
-        self.times, self.all_forces = [time, self.zero, math.inf], force
+        self.end_time = time + self.duration
+        self.times, self.element_force = [time, self.end_time, math.inf], force
         self._place(ends.T.ravel(), np.concatenate([force, -force]))
 
     def _place(self, particles: np.ndarray, force: np.ndarray) -> None:
         """Apply the forces (k, 3) [N] at the start of the fading to these particles (k,)."""
-        self.particles, self.every = particles, force
+        self.particles, self.particle_force = particles, force
         row = rows_of(self.particle_gid, particles)
         self.rows, self.force = row[row >= 0], force[row >= 0]
 
     def redistribute(self, redistribution: Redistribution, distribution: Distribution) -> None:
         """Move the forces on leaving particles to others."""
-        if self.zero == math.inf:
+        if self.end_time == math.inf:
             return
         given = np.zeros((len(redistribution.particles), 3))
         leaving = rows_of(redistribution.particles, self.particles)
-        np.add.at(given, leaving[leaving >= 0], self.every[leaving >= 0])
+        np.add.at(given, leaving[leaving >= 0], self.particle_force[leaving >= 0])
         stays, share = leaving < 0, redistribution.share[:, None]
         self._place(
             np.concatenate([self.particles[stays], redistribution.receiver]),
-            np.concatenate([self.every[stays], share * given[redistribution.source]]),
+            np.concatenate([self.particle_force[stays], share * given[redistribution.source]]),
         )
 
     def write(self, state: State, start: float, end: float) -> None:
         """Add its values at two times to the state."""
-        if self.zero == math.inf:
+        if self.end_time == math.inf:
             return
         for time, load in ((start, state.load_before), (end, state.load_after)):
-            force = (self._left(time) * self.force).astype(load.dtype)
+            force = (self._remaining_share(time) * self.force).astype(load.dtype)
             np.add.at(load, self.rows, force)
         if state.fading_before is not None:
             for time, fading in ((start, state.fading_before), (end, state.fading_after)):
-                fading[self.elements] = self._left(time) * self.tension
+                fading[self.elements] = self._remaining_share(time) * self.tension
 
-    def _left(self, time: float) -> float:
+    def _remaining_share(self, time: float) -> float:
         """Return the share that remains at a time [s]."""
-        return min(1.0, max(0.0, (self.zero - time) / self.duration))
+        return min(1.0, max(0.0, (self.end_time - time) / self.duration))
 
 
 class WindLoad(VaryingLoad):

@@ -10,7 +10,7 @@ from netfall.core.functions import lengths
 from netfall.core.messages import kN, mm
 from netfall.core.timings import StopFlag
 from netfall.driver import messages
-from netfall.driver.erection.settings import StageSetting, after, first_setting, rows_named
+from netfall.driver.erection.settings import StageSetting, first_setting, next_setting, rows_named
 from netfall.driver.erection.tension import elastic, tension_to_targets
 from netfall.driver.problem import UNKNOWN_LOAD, Problem, set_up_slip
 from netfall.driver.statics import equilibrium
@@ -78,7 +78,7 @@ def restored_erection(
         return erection
     setting = first_setting(problem.job, problem.model)
     for stage in problem.job.stages[: small["done"]]:  # for the loads, which the record lacks
-        setting = after(setting, stage, problem.model.layout)
+        setting = next_setting(setting, stage, problem.model.layout)
     recorded: dict[str, Any] = {name: arrays[name] for name in RECORDED}
     erection.setting = replace(setting, **recorded)
     erection.x = arrays["x"]
@@ -103,16 +103,16 @@ def erect(problem: Problem, erection: Erection, stop: StopFlag) -> None:
     if model and setting is None:
         setting, x = first_setting(problem.job, model), model.x
     for stage in problem.job.stages[erection.done :]:
-        setting = after(setting, stage, model.layout) if model and setting else None
+        setting = next_setting(setting, stage, model.layout) if model and setting else None
         before = save_state(problem.state)
         load = _prepare_stage(problem, setting, x)
-        words, weights = f"stage {stage.name}", permanent_weight_factor(problem.job)
-        load_case = StaticLoad("stage", words, load, 1.0, stage.name, weights=weights, before=before)
+        title, weights = f"stage {stage.name}", permanent_weight_factor(problem.job)
+        load_case = StaticLoad("stage", title, load, 1.0, stage.name, weights=weights, before=before)
         outcome, setting = _equilibrium(problem, load_case, setting, stop)
         _record_stage(problem, erection, setting, outcome, load)
         x = erection.x
         if not outcome.carries:
-            erection.failed = failure_text(messages.STAGE_WITHOUT_EQUILIBRIUM, words, outcome)
+            erection.failed = failure_text(messages.STAGE_WITHOUT_EQUILIBRIUM, title, outcome)
             break
 
 
@@ -163,15 +163,15 @@ def _equilibrium(
     Loads depend on the geometry and on the lengths that jacks change, so the search is repeated until they
     change by less than the tolerance.
     """
-    pulls, jacks = (list(setting.pulls), list(setting.jacks)) if setting else ([], [])
+    force_targets, jacks = (list(setting.force_targets), list(setting.jacks)) if setting else ([], [])
     warm = partial(_warm_lengths, problem.model, setting) if problem.model and setting else None
-    tolerance, has_jacks = load_settings(problem.job).tolerance, problem.comm.bcast(len(pulls) > 0)
+    tolerance, has_jacks = load_settings(problem.job).tolerance, problem.comm.bcast(len(force_targets) > 0)
     for _ in range(MOST_TURNS):
         if has_jacks:
             L0 = setting and setting.L0
-            L0, outcome, _ = tension_to_targets(problem, load_case, pulls, jacks, L0, warm, stop)
+            L0, outcome, _ = tension_to_targets(problem, load_case, force_targets, jacks, L0, warm, stop)
             if setting and L0 is not None:
-                setting = replace(setting, L0=L0, pulls=(), jacks=())
+                setting = replace(setting, L0=L0, force_targets=(), jacks=())
         else:
             outcome = equilibrium.solve_equilibrium(problem, load_case, None, stop)
         x = problem.distribution.gather_particles(problem.state.x)
@@ -230,7 +230,7 @@ def _record_stage(
         last_sections = list(erection.sections.values())[-1:]
         numbers["slip"] = numbers["slip"] + (last_sections[0]["slip"] if last_sections else 0.0)
         erection.labels[group]["clamps"] = setting.clamps
-    held = setting.fixed & setting.there(model.net)[:, None]
+    held = setting.fixed & setting.has_elements(model.net)[:, None]
     datasets = {
         "displacement": x - model.x,
         "tension": N,

@@ -50,11 +50,11 @@ def solve_initial_state(
     save: Callable[[int, dict[str, Any]], Path] | None,
     checkpoint: Checkpoint | None,
     stop: StopFlag,
-    memory: ResultCache,
+    cache: ResultCache,
 ) -> Problem:
     """Return the problem in equilibrium after targets, length errors and stages of erection. Collective.
 
-    save : see `find_initial_form`; checkpoint, stop, memory : as in `prepare_problem`
+    save : see `find_initial_form`; checkpoint, stop, cache : as in `prepare_problem`
 
     Raises InputError, DivergedError, Interrupted.
     """
@@ -69,7 +69,7 @@ def solve_initial_state(
     if job.targets:
         problem = _solve_targets(problem, record_of(TARGETS))
     if problem.failure is None and comm.bcast(problem.model and bool(problem.model.net.length_error.any())):
-        problem = _apply_length_errors(problem, record_of(DEVIATION), memory)
+        problem = _apply_length_errors(problem, record_of(DEVIATION), cache)
     if problem.failure or not job.stages:
         return problem
     on_root(comm, lambda: check_stages(job, problem.root_model))
@@ -84,8 +84,8 @@ def solve_initial_state(
         initial = initial_record(problem.form, problem.build_up.base)
         records = {**problem.build_up.records, INITIAL: initial, ERECTION: erection.record()}
         path = save(ERECTION_STEP_OFFSET + erection.done, records)
-        words = f"in stage {job.stages[erection.done].name}, which the resumed run repeats"
-        raise interruption_error(words, path) from None
+        text = f"in stage {job.stages[erection.done].name}, which the resumed run repeats"
+        raise interruption_error(text, path) from None
     return _after_erection(problem, erection)
 
 
@@ -114,11 +114,11 @@ def _build_up_step(
             failure = DivergedError(reason) if name == TARGETS else _search_error(reason, state)
     else:
         new_problem = _with_geometry(problem, record[1])
-    small, arrays, built = comm.bcast(record[0]), record[1] or {}, problem.build_up
-    lines, records = [*built.lines, *small["lines"]], {**built.records, name: (small, arrays)}
-    labels = {**built.labels, **small["labels"]}
-    built = replace(built, lines=lines, labels=labels, records=records, failure=failure)
-    return replace(new_problem, build_up=built), arrays
+    small, arrays, build_up = comm.bcast(record[0]), record[1] or {}, problem.build_up
+    lines, records = [*build_up.lines, *small["lines"]], {**build_up.records, name: (small, arrays)}
+    labels = {**build_up.labels, **small["labels"]}
+    build_up = replace(build_up, lines=lines, labels=labels, records=records, failure=failure)
+    return replace(new_problem, build_up=build_up), arrays
 
 
 def _solve_targets(problem: Problem, record: tuple[Any, ...] | None) -> Problem:
@@ -182,11 +182,11 @@ def _residual(problem: Problem) -> float:
     return state_residual(problem.comm, problem.state, form_load(problem, "target", "the targets").load)
 
 
-def _apply_length_errors(problem: Problem, record: tuple[Any, ...] | None, memory: ResultCache) -> Problem:
+def _apply_length_errors(problem: Problem, record: tuple[Any, ...] | None, cache: ResultCache) -> Problem:
     """Return the problem with length errors, in equilibrium under the resulting load. Collective."""
 
     def compute(problem: Problem) -> tuple[Problem, NewLengths | None]:
-        deviated, tolerance = apply_length_errors(problem, memory), _load_tolerance(problem)
+        deviated, tolerance = apply_length_errors(problem, cache), _load_tolerance(problem)
         if problem.comm.bcast(deviated and deviated.failed):
             return _with_final_state(problem, deviated), deviated
         new_problem = _with_geometry(problem, deviated and deviated.arrays())
@@ -199,7 +199,7 @@ def _apply_length_errors(problem: Problem, record: tuple[Any, ...] | None, memor
             if deviated and x is not None:
                 deviated = deviated._replace(x=x)
             if not outcome.carries:
-                failed = failure_text(messages.ERRORS_WITHOUT_EQUILIBRIUM, load_case.words, outcome)
+                failed = failure_text(messages.ERRORS_WITHOUT_EQUILIBRIUM, load_case.title, outcome)
                 deviated = deviated and deviated._replace(failed=failed, state=outcome.state)
                 return _with_final_state(new_problem, deviated), deviated
             new_problem = _with_geometry(problem, deviated and deviated.arrays())
@@ -224,7 +224,7 @@ def _search_error(reason: str, state: str) -> DivergedError:
 
 def _after_erection(problem: Problem, erection: Erection) -> Problem:
     """Return the problem after the last stage, or in the stage without an equilibrium. Collective."""
-    model, setting, x, built = problem.model, erection.setting, erection.x, problem.build_up
+    model, setting, x, build_up = problem.model, erection.setting, erection.x, problem.build_up
     failure, labels = None, {}
     if erection.failed:
         last_state = list(erection.labels.values())[-1]["state"]
@@ -245,12 +245,12 @@ def _after_erection(problem: Problem, erection: Erection) -> Problem:
         ids = model.net.element_id
         labels = {group: with_element_ids(values, ids) for group, values in erection.labels.items()}
     build_up = replace(
-        built,
-        form=built.form or model,
-        sections={**built.sections, **erection.sections},
-        labels={**built.labels, **labels},
-        lines=[*built.lines, *erection.lines],
-        records={**built.records, ERECTION: erection.record()},
+        build_up,
+        form=build_up.form or model,
+        sections={**build_up.sections, **erection.sections},
+        labels={**build_up.labels, **labels},
+        lines=[*build_up.lines, *erection.lines],
+        records={**build_up.records, ERECTION: erection.record()},
         failure=failure,
     )
     return replace(new_problem, build_up=build_up)

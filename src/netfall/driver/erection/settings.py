@@ -58,30 +58,30 @@ class Jack(NamedTuple):
         return L0
 
 
-class Wanted(NamedTuple):
-    """Target: the mean force [N] of elements `rows`, or the height [m] of a node.
+class NetTarget(NamedTuple):
+    """Target in the net: the mean force [N] of elements `rows`, or the height [m] of a node.
 
-    words : for messages; node : its row, -1: a force; own : number of the jack at which it is measured, -1:
+    name : in messages; node : its row, -1: a force; jack : number of the jack at which it is measured, -1:
     no jack
     """
 
-    words: str
+    name: str
     value: float
     rows: np.ndarray
     node: int = -1
-    own: int = -1
+    jack: int = -1
 
     @property
-    def aim(self) -> str:
+    def text(self) -> str:
         """Return the target and its value as text."""
-        return f"{self.words} = {self.text(self.value)}"
+        return f"{self.name} = {self.format(self.value)}"
 
-    def text(self, value: float) -> str:
+    def format(self, value: float) -> str:
         """Return a value with the unit of the target."""
         return f"{value:.6g} m" if self.node >= 0 else kN(value, digits=6)
 
-    def now(self, x: np.ndarray, N: np.ndarray) -> float:
-        """Return the present value with nodes at x (n, 3) [m] and axial forces N (m,) [N]."""
+    def value_at(self, x: np.ndarray, N: np.ndarray) -> float:
+        """Return the value with nodes at x (n, 3) [m] and axial forces N (m,) [N]."""
         if self.node >= 0:
             return float(x[self.node, 2])
         return float(np.bincount(np.zeros(len(self.rows), int), N[self.rows])[0] / len(self.rows))
@@ -135,7 +135,7 @@ class StageSetting:
     L0 : (m,) [m], cold; slipped : (m,) share of it that slips in earlier stages added
     fixed : (n, 3) bool; active : (m,) bool; moved : (n, 3) [m] relative to the present positions
     load : values of [load]; load_table : loads of the stage's table, None: none
-    pulls : target forces, each at a separate jack in `jacks`
+    force_targets : target forces, each at a separate jack in `jacks`
     clamps : "open" or "closed"
     """
 
@@ -146,16 +146,16 @@ class StageSetting:
     moved: np.ndarray
     load: Load
     load_table: GivenLoads | None = None
-    pulls: tuple[Wanted, ...] = ()
+    force_targets: tuple[NetTarget, ...] = ()
     jacks: tuple[Jack, ...] = ()
     clamps: str = "closed"
 
     def held(self, net: Net) -> np.ndarray:
         """Return the held axes (n, 3) bool, with those of nodes without elements."""
-        return self.fixed | ~self.there(net)[:, None]
+        return self.fixed | ~self.has_elements(net)[:, None]
 
-    def there(self, net: Net) -> np.ndarray:
-        """Return the nodes with elements, (n,) bool."""
+    def has_elements(self, net: Net) -> np.ndarray:
+        """Return which nodes have elements, (n,) bool."""
         return np.bincount(net.elements[self.active].ravel(), minlength=net.n) > 0
 
     def forces(self, model: Model, x: np.ndarray) -> np.ndarray:
@@ -167,7 +167,7 @@ class StageSetting:
         if self.load_table is not None:
             nodes = nodes + self.load_table.forces(net, self.L0, self.active)
         full_load = live_load(self.load, roof, nodes) + dead_load(self.load, roof)
-        load = np.where(self.there(net)[:, None], full_load, 0.0)
+        load = np.where(self.has_elements(net)[:, None], full_load, 0.0)
         if self.load.self_weight:
             half = np.where(self.active, 0.5 * net.own_weight * self.L0, 0.0)
             for end in range(2):
@@ -184,7 +184,7 @@ def first_setting(job: Job, model: Model) -> StageSetting:
     )
 
 
-def after(previous: StageSetting, stage: Stage, layout: Layout) -> StageSetting:
+def next_setting(previous: StageSetting, stage: Stage, layout: Layout) -> StageSetting:
     """Return the setting of the stage that follows."""
     net = layout.net
     groups = None if stage.active is None else [net.group_names.index(name) for name in stage.active]
@@ -197,7 +197,7 @@ def after(previous: StageSetting, stage: Stage, layout: Layout) -> StageSetting:
     for name, displacement in (stage.move or {}).items():
         motion[_moved_nodes(layout, fixed, name)] = displacement
     L0 = previous.L0
-    pulls: list[Wanted] = []
+    force_targets: list[NetTarget] = []
     jacks: list[Jack] = []
     for name, change in (stage.lengths or {}).items():
         own_jacks = jacks_of(net, name)
@@ -208,8 +208,8 @@ def after(previous: StageSetting, stage: Stage, layout: Layout) -> StageSetting:
                 L0 = jack.changed(L0, change.length - float(L0[jack.rows].sum()))
         elif change.force is not None:
             first = len(jacks)
-            pulls += [
-                Wanted(f"force of {jack.name}", change.force, jack.rows, own=first + k)
+            force_targets += [
+                NetTarget(f"force of {jack.name}", change.force, jack.rows, jack=first + k)
                 for k, jack in enumerate(own_jacks)
             ]
             jacks += own_jacks
@@ -219,7 +219,7 @@ def after(previous: StageSetting, stage: Stage, layout: Layout) -> StageSetting:
         table = layout.load_tables.get(stage.load_table)
     motion = extend_to_inner_particles(net, motion, fixed)
     return StageSetting(
-        L0, previous.slipped, fixed, active, motion, load, table, tuple(pulls), tuple(jacks), clamps
+        L0, previous.slipped, fixed, active, motion, load, table, tuple(force_targets), tuple(jacks), clamps
     )
 
 
@@ -262,9 +262,9 @@ def check_stages(job: Job, model: Model) -> None:
             held_then = _axes(model.layout, axes_by_name(stage.hold))
             for name, axes in axes_by_name(stage.release).items():
                 if not (setting.fixed & _axes(model.layout, {name: axes}) & ~held_then).any():
-                    words = f"node {name}" if is_node_id(name) else format_value(name)
-                    errors.append(messages.RELEASED_FREE_NODES(place=place, name=words))
-            setting = after(setting, stage, model.layout)
+                    text = f"node {name}" if is_node_id(name) else format_value(name)
+                    errors.append(messages.RELEASED_FREE_NODES(place=place, name=text))
+            setting = next_setting(setting, stage, model.layout)
             errors += _wrong_state(place, stage, setting, model.layout)
         if errors:
             break  # later stages depend on this one
@@ -339,6 +339,6 @@ def _wrong_state(place: str, stage: Stage, setting: StageSetting, layout: Layout
         is_changed[rows] = True
     is_supported = np.any(setting.fixed | (net.spring > 0), axis=1)
     held = part_contains(connected_parts(net.elements[setting.active], net.n), is_supported)
-    is_loose = setting.there(net) & ~held
+    is_loose = setting.has_elements(net) & ~held
     if is_loose.any():
         yield messages.UNSUPPORTED_PART(place=place, nodes=counted("node", net.node_id[is_loose]))

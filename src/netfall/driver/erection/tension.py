@@ -24,7 +24,7 @@ from netfall.core.timings import NEVER_STOP, StopFlag
 from netfall.driver import messages
 from netfall.driver.erection.settings import (
     Jack,
-    Wanted,
+    NetTarget,
     amount_until_taut,
     jack_of,
     rows_named,
@@ -73,19 +73,19 @@ class Tensioned(NamedTuple):
     equilibria: int
 
 
-def form_load(problem: Problem, kind: str, words: str) -> StaticLoad:
-    """Return the load that the form carries: the permanent load, or nothing; words : for messages.
+def form_load(problem: Problem, kind: str, title: str) -> StaticLoad:
+    """Return the load that the form carries: the permanent load, or nothing; title : its name in messages.
 
     The present state is the state before its changes.
     """
     load = problem.distribution.particles(problem.model and problem.model.form_load)
-    return StaticLoad(kind, words, load, 1.0, before=save_state(problem.state))
+    return StaticLoad(kind, title, load, 1.0, before=save_state(problem.state))
 
 
 def tension_to_targets(
     problem: Problem,
     load_case: StaticLoad,
-    targets: list[Wanted],
+    targets: list[NetTarget],
     jacks: list[Jack],
     L0: np.ndarray | None,
     warm: Callable[[np.ndarray], np.ndarray] | None,
@@ -131,7 +131,8 @@ def tension_to_targets(
     restore_saved(problem.state, last_state[0])
     measured = _measure(problem, targets)
     lines = comm.bcast(
-        measured and [f"{one.aim}: {one.text(value)} reached" for one, value in zip(targets, measured.values)]
+        measured
+        and [f"{one.text}: {one.format(value)} reached" for one, value in zip(targets, measured.values)]
     )
     reason = f"not reached in {count} equilibria: " + "; ".join(lines)
     failed = StaticOutcome(NO_EQUILIBRIUM, np.nan, reason, (), initial_equilibrium_record(problem))
@@ -160,13 +161,13 @@ class _Measured(NamedTuple):
     size: float
 
 
-def _measure(problem: Problem, targets: list[Wanted]) -> _Measured | None:
+def _measure(problem: Problem, targets: list[NetTarget]) -> _Measured | None:
     """Measure the targets in the present state, on rank 0. Collective."""
     x = problem.distribution.gather_particles(problem.state.x)
     N = problem.gather_elements(problem.state.present_element_state().N)
     if x is None or N is None:
         return None
-    values = np.array([target.now(x, N) for target in targets])
+    values = np.array([target.value_at(x, N) for target in targets])
     largest, extent = np.abs(N).max(), float(np.ptp(x, axis=0).max())
     scale = np.array([extent if target.node >= 0 else abs(target.value) or largest for target in targets])
     misses = values - [target.value for target in targets]
@@ -176,7 +177,7 @@ def _measure(problem: Problem, targets: list[Wanted]) -> _Measured | None:
 def influences(
     problem: Problem,
     load: np.ndarray,
-    targets: list[Wanted],
+    targets: list[NetTarget],
     jacks: list[Jack],
     L0: np.ndarray | None,
     fixed_nodes: bool = False,
@@ -194,7 +195,7 @@ def influences(
             change[jacks[k].rows] = jacks[k].shares(L0)
         dx, dN = respond(problem.distribution.elements(change if problem.model else None))
         if problem.model:
-            rows.append([target.now(dx, dN) for target in targets])
+            rows.append([target.value_at(dx, dN) for target in targets])
     return np.array(rows).T if problem.model else None
 
 
@@ -226,7 +227,7 @@ def gathered_responses(
 def _step(
     net: Net,
     measured: _Measured,
-    targets: list[Wanted],
+    targets: list[NetTarget],
     jacks: list[Jack],
     L0: np.ndarray,
     influence: np.ndarray,
@@ -236,8 +237,8 @@ def _step(
     misses, scaled = measured.misses / measured.scale, influence / measured.scale[:, None]
     step = least_squares(scaled, -misses, MIN_INFLUENCE).x  # of Newton's method, the smallest
     for target in targets:
-        if target.own >= 0 and not influence[:, target.own].any():
-            step[target.own] = amount_until_taut(jacks[target.own], L, L0, net.EA, target.value)
+        if target.jack >= 0 and not influence[:, target.jack].any():
+            step[target.jack] = amount_until_taut(jacks[target.jack], L, L0, net.EA, target.value)
     longest = np.array([MAX_LENGTH_CHANGE * L0[jack.rows].sum() / (1 + jack.cable.max()) for jack in jacks])
     return np.clip(step, -longest, longest)
 
@@ -297,10 +298,10 @@ def reach_targets(
     equilibria = tensioned.equilibria + (before.equilibria if before else 0)
     effects = {"change": change, "influence": influence}
     if not tensioned.outcome.carries:
-        failed = messages.TARGETS_MISSED(what=load_case.words, reason=tensioned.outcome.reason)
+        failed = messages.TARGETS_MISSED(what=load_case.title, reason=tensioned.outcome.reason)
         return NewLengths(x, tensioned.L0, effects, [], failed, NO_EQUILIBRIUM)
     lines = [
-        f"target: {target.aim}: unstressed length of each cable of {jack.name} changed by "
+        f"target: {target.text}: unstressed length of each cable of {jack.name} changed by "
         f"{1e3 * amount:+.6g} mm"
         for target, jack, amount in zip(targets, jacks, change)
     ]
@@ -316,7 +317,7 @@ def _limit_lines(net: Net, load_case: StaticLoad, limit: LimitPoint | None) -> l
     return [] if limit is None else [limit_warning(load_case, limit, net.node_id[limit.particle])]
 
 
-def named_targets(job: Job, net: Net) -> tuple[list[Wanted], list[Jack]]:
+def named_targets(job: Job, net: Net) -> tuple[list[NetTarget], list[Jack]]:
     """Return the targets and the jacks that reach them. Raises InputError for unknown names."""
     errors: list[str] = []
     for number, target in enumerate(job.targets, 1):
@@ -328,16 +329,16 @@ def named_targets(job: Job, net: Net) -> tuple[list[Wanted], list[Jack]]:
         if target.adjust in [other.adjust for other in job.targets[: number - 1]]:
             errors.append(messages.REPEATED_TARGET(place=place, name=format_value(target.adjust)))
     raise_errors(errors)
-    return [_wanted(net, target) for target in job.targets], [
+    return [_net_target(net, target) for target in job.targets], [
         jack_of(net, entry.adjust) for entry in job.targets
     ]
 
 
-def _wanted(net: Net, target: Target) -> Wanted:
+def _net_target(net: Net, target: Target) -> NetTarget:
     if target.group and target.force is not None:
-        return Wanted(f"force of {target.group}", target.force, rows_named(net, target.group))
+        return NetTarget(f"force of {target.group}", target.force, rows_named(net, target.group))
     node = int(np.flatnonzero(net.node_id == target.node)[0])
-    return Wanted(f"height of node {target.node}", target.height or 0.0, np.zeros(0, int), node)
+    return NetTarget(f"height of node {target.node}", target.height or 0.0, np.zeros(0, int), node)
 
 
 MAX_LISTED_CABLES = 3  # number of most important cables in a message
@@ -348,10 +349,10 @@ def cable_shares(net: Net, L0: np.ndarray) -> np.ndarray:
     return L0 / np.bincount(net.cable, L0)[net.cable]
 
 
-def apply_length_errors(problem: Problem, memory: ResultCache) -> NewLengths | None:
+def apply_length_errors(problem: Problem, cache: ResultCache) -> NewLengths | None:
     """Draw random errors of length and find the equilibrium with them. Collective.
 
-    memory : cache of earlier runs; the influence of errors does not depend on the random draws
+    cache : cache of earlier runs; the influence of errors does not depend on the random draws
 
     Without form finding, the given geometry is not in equilibrium without load, so nodes are not moved.
     Returns the result on rank 0, None elsewhere. Its effects are the standard deviations `tension` (m,) [N]
@@ -362,7 +363,7 @@ def apply_length_errors(problem: Problem, memory: ResultCache) -> NewLengths | N
     unstable_at, limit = STABLE, None
     load_case = form_load(problem, "deviation", "errors of length")
     key = problem.comm.bcast(model and cache_key(problem.job, (*WIND_SPEED_KEYS, "cable.length_seed")))
-    tension, effect = memory.get_or_compute("influence", key, lambda: _influence(problem, load_case.load))
+    tension, effect = cache.get_or_compute("influence", key, lambda: _influence(problem, load_case.load))
     L0 = None
     if model:
         L0 = model.cut_length + model.net.length_error * cable_shares(model.net, model.cut_length)
@@ -373,11 +374,11 @@ def apply_length_errors(problem: Problem, memory: ResultCache) -> NewLengths | N
         if outcome.carries:
             unstable_at, limit = outcome.equilibrium.solution.unstable_at, outcome.limit
         else:
-            failed = failure_text(messages.ERRORS_WITHOUT_EQUILIBRIUM, load_case.words, outcome)
+            failed = failure_text(messages.ERRORS_WITHOUT_EQUILIBRIUM, load_case.title, outcome)
     x = distribution.gather_particles(problem.state.x)
     if model is None or x is None or L0 is None:
         return None
-    what = load_case.words
+    what = load_case.title
     largest = np.argsort(-effect, kind="stable")[:MAX_LISTED_CABLES]
     names = ", ".join(
         f"{format_value(model.net.cable_names[k])} {kN(effect[k])}" for k in largest if effect[k] > 0.0

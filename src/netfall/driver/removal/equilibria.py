@@ -47,7 +47,7 @@ class RemovalEquilibria:
     """Equilibria before and after member removals, so far.
 
     best : the state in the last equilibrium, as of `save_state`; total : iterations so far
-    rests : outcome after each removal so far
+    outcomes : one after each removal so far
     tension : (m, 2) on rank 0, before any removal and after each so far: axial force [N] and the larger
     bending moment [N m] of both ends; nan: no equilibrium was found, or no bending
     displacement : (n, 3) [m] on rank 0, after each removal so far; nan: no equilibrium, or a removed node
@@ -55,13 +55,13 @@ class RemovalEquilibria:
 
     best: dict[str, np.ndarray]
     total: int = 0
-    rests: list[RemovalOutcome] = field(default_factory=list)
+    outcomes: list[RemovalOutcome] = field(default_factory=list)
     tension: list[np.ndarray | None] = field(default_factory=list)
     displacement: list[np.ndarray | None] = field(default_factory=list)
 
     def record(self, problem: Problem) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the record that `restore` needs; arrays by global numbers on rank 0. Collective."""
-        small = {"total": self.total, "rests": self.rests}
+        small = {"total": self.total, "rests": self.outcomes}
         arrays = {"tension": np.array(self.tension), "displacement": np.array(self.displacement)}
         for name, rows in self.best.items():
             is_of_particles = name in PARTICLE_FIELDS
@@ -73,9 +73,9 @@ class RemovalEquilibria:
     def restore(self, problem: Problem, small: dict[str, Any], arrays: dict[str, np.ndarray] | None) -> None:
         """Restore the record of an earlier run. arrays : on rank 0. Collective."""
         self.total = small["total"]
-        self.rests = [RemovalOutcome(state, tuple(elements)) for state, elements in small["rests"]]
-        self.tension = list(arrays["tension"]) if arrays else [None] * (1 + len(self.rests))
-        self.displacement = list(arrays["displacement"]) if arrays else [None] * len(self.rests)
+        self.outcomes = [RemovalOutcome(state, tuple(elements)) for state, elements in small["rests"]]
+        self.tension = list(arrays["tension"]) if arrays else [None] * (1 + len(self.outcomes))
+        self.displacement = list(arrays["displacement"]) if arrays else [None] * len(self.outcomes)
         distribution = problem.distribution
         self.best = {
             name: (distribution.particles if name in PARTICLE_FIELDS else distribution.elements)(
@@ -129,31 +129,31 @@ def find_removal_equilibria(problem: Problem, context: RunContext, losses: list[
     for k, (loss, is_loose) in enumerate(zip(losses, unsupported)):
         rows = rows_of(distribution.subdomain.element_gid, loss.elements)
         removed = np.concatenate([removed, rows[rows >= 0]])
-        if k < len(search.rests):
+        if k < len(search.outcomes):
             continue
         restore_saved(state, search.best)
         load = distribution.particles(loads[k + 1] if loads else None)
-        words = f"the net without {removed_names(problem.job, loss)}"
-        tension, rest = np.full((state.m, 2), np.nan), RemovalOutcome(NO_EQUILIBRIUM)
-        lines = [messages.UNSUPPORTED_WITHOUT_MEMBERS(what=words)]
+        title = f"the net without {removed_names(problem.job, loss)}"
+        tension, outcome = np.full((state.m, 2), np.nan), RemovalOutcome(NO_EQUILIBRIUM)
+        lines = [messages.UNSUPPORTED_WITHOUT_MEMBERS(what=title)]
         if not is_loose:
-            load_case = StaticLoad("removal", words, load, 1.0, weights=permanent_weight_factor(problem.job))
+            load_case = StaticLoad("removal", title, load, 1.0, weights=permanent_weight_factor(problem.job))
             try:
                 with problem.finder.without_elements(removed):
-                    tension, rest, lines, iterations = _removal_equilibrium(
+                    tension, outcome, lines, iterations = _removal_equilibrium(
                         problem, load_case, reference, context.stop, resume
                     )
             except Paused as pause:
                 restore_saved(state, start)
                 records = {NAME: search.record(problem)}
-                raise paused(problem, context, NAME, words, search.total, pause, records) from None
+                raise paused(problem, context, NAME, title, search.total, pause, records) from None
             search.total += iterations
-            search.best = save_state(state) if rest.state == EQUILIBRIUM else search.best
+            search.best = save_state(state) if outcome.state == EQUILIBRIUM else search.best
         resume = None
         context.progress.say(*lines)
-        search.rests.append(rest)
+        search.outcomes.append(outcome)
         search.tension.append(problem.gather_elements(tension))
-        has_equilibrium = rest.state in (EQUILIBRIUM, "breaks")
+        has_equilibrium = outcome.state in (EQUILIBRIUM, "breaks")
         moved = distribution.gather_particles(
             state.x - state.x_start if has_equilibrium else np.nan * state.x
         )
@@ -173,7 +173,7 @@ def _removal_equilibrium(
     (all on rank 0), and iterations.
     """
     outcome = solve_equilibrium(problem, load_case, reference, stop, resume, MAX_REMOVAL_ITERATIONS)
-    what, equilibrium, unknown = load_case.words, outcome.equilibrium, np.full((problem.state.m, 2), np.nan)
+    what, equilibrium, unknown = load_case.title, outcome.equilibrium, np.full((problem.state.m, 2), np.nan)
     if not outcome.carries:
         without = messages.REMOVAL_WITHOUT_EQUILIBRIUM
         line = failure_text(without, what, outcome, messages.UNDECIDED_CASE)
@@ -198,9 +198,9 @@ def _removal_equilibrium(
         at_limit = {name: element_id[list(rows)] for name, rows in equilibrium.at_limit.items()}
         lines += warning_text.limit_warnings((what, at_limit))
     exceeded = equilibrium.at_limit.get("over_strength", ())
-    rest = RemovalOutcome("breaks" if exceeded else EQUILIBRIUM, exceeded)
+    removal_outcome = RemovalOutcome("breaks" if exceeded else EQUILIBRIUM, exceeded)
     forces = _forces_and_moments(problem.state, equilibrium.snapshot.N)
-    return forces, rest, lines, solution.iterations
+    return forces, removal_outcome, lines, solution.iterations
 
 
 def _forces_and_moments(state: State, N: np.ndarray) -> np.ndarray:

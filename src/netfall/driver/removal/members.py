@@ -37,10 +37,10 @@ class MemberRemoval:
     """Member removals of a run, with the tensions before and after them on rank 0."""
 
     def __init__(self, problem: Problem, losses: list[Loss], after: RemovalEquilibria | None, log: EventLog):
-        """after : of the stage `rests`, None: in a resumed run"""
+        """after : result of `removal.equilibria.run`, None: in a resumed run"""
         self.distribution, self.losses, self.job = problem.distribution, losses, problem.job
         self.model, self.log, self.dt, self.done = problem.model, log, problem.dynamic_schedule.dt, 0
-        self.rests, self.bends = after.rests if after else [], problem.state.features.bending
+        self.outcomes, self.bends = after.outcomes if after else [], problem.state.features.bending
         # m2, (n,) on rank 0, with areas redistributed so far
         self.area = self.model.roof.area.copy() if self.model else None
         gid = self.distribution.subdomain.particle_gid
@@ -73,7 +73,7 @@ class MemberRemoval:
         """
         loss = self.losses[self.done]
         self.close(state, elements.N)
-        self._keep("before", self.done, state, elements.N)
+        self._record_tension("before", self.done, state, elements.N)
         gid, rows = self.distribution.subdomain.particle_gid, self._rows(loss.elements)
         N = add_branch_forces(state, elements.N, before_dt, dt)
         force = self._forces(state, loss, rows[rows >= 0], elements.L, N)
@@ -149,19 +149,19 @@ class MemberRemoval:
         if self.done:
             is_broken = state.broken != 0  # fragments do not count
             highest = np.where(is_broken, state.highest, np.maximum(state.highest, N))
-            self._keep("highest", self.done - 1, state, highest)
+            self._record_tension("highest", self.done - 1, state, highest)
             lowest = np.where(is_broken, np.nan, np.minimum(state.lowest, N))
-            self._keep("lowest", self.done - 1, state, lowest)
+            self._record_tension("lowest", self.done - 1, state, lowest)
 
-    def _keep(self, name: str, k: int, state: State, rows: np.ndarray) -> None:
+    def _record_tension(self, name: str, k: int, state: State, rows: np.ndarray) -> None:
         values = self.distribution.gather_elements(rows, state.owned.astype(bool))
         if values is not None:
             self.tensions[name][k] = values
 
     def record(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the record that `restore` needs; the tensions and the fading forces on rank 0."""
-        forces = {str(k): fade.all_forces for k, fade in self.fades.items() if fade.zero < np.inf}
-        small = {"done": self.done, "rests": self.rests}
+        forces = {str(k): fade.element_force for k, fade in self.fades.items() if fade.end_time < np.inf}
+        small = {"done": self.done, "rests": self.outcomes}
         return small, self.tensions | forces | {"displacement": self.displacement} if self.tensions else {}
 
     def restore(
@@ -175,7 +175,7 @@ class MemberRemoval:
         redistribute : called for each removal after its tensions have started to fade; arrays : on rank 0
         """
         self.done = small["done"]
-        self.rests = [RemovalOutcome(state, tuple(elements)) for state, elements in small["rests"]]
+        self.outcomes = [RemovalOutcome(state, tuple(elements)) for state, elements in small["rests"]]
         if arrays:
             self.tensions = {name: arrays[name] for name in TENSION_NAMES}
             self.displacement = arrays["displacement"]
@@ -208,9 +208,9 @@ class MemberRemoval:
             factor = np.where(np.isnan(lowest), np.nan, dynamic_factors(before, peak, rest, after))
             for entry in loss.entries:
                 datasets["time"][entry] = loss.step * self.dt
-                datasets["state"][entry] = self.rests[k].state
+                datasets["state"][entry] = self.outcomes[k].state
                 datasets["displacement_after"][entry] = self.displacement[k]
-                breaks += [(e, entry) for e in self.rests[k].elements]
+                breaks += [(e, entry) for e in self.outcomes[k].elements]
                 for name, row in zip(names, (before, highest, lowest, peak, after, factor, moment)):
                     datasets[name][entry] = row
         empty = np.zeros(0, np.int64)

@@ -251,7 +251,7 @@ def start_warnings(problem: Problem) -> Iterator[str]:
         yield from form_slip_warnings(model, model.layout.slides)
     if statics and (erected or problem.form):
         return
-    residual, force = problem.build_up.left or (problem.residual, problem.reference)
+    residual, force = problem.build_up.start_residual or (problem.residual, problem.reference)
     if problem.form and not erected:
         carries = problem.job.dynamics and carries_permanent(problem.job)
         moved_load = (model.loading.permanent - model.form_load)[model.net.moves]

@@ -54,7 +54,7 @@ def paused(
     problem: Problem,
     context: RunContext,
     stage: str,
-    words: str,
+    title: str,
     before: int,
     pause: relaxation.Paused,
     stage_records: dict[str, Record] | None = None,
@@ -66,7 +66,7 @@ def paused(
     step, at = before + pause.at.total + pause.at.iteration, pause.at
     record = {relaxation.RELAXATION: relaxation.relaxation_record(problem.distribution, at)}
     records = record | (stage_records or {})
-    return interruption_error(f"in statics, {words}", context.saver.save(stage, step, problem.state, records))
+    return interruption_error(f"in statics, {title}", context.saver.save(stage, step, problem.state, records))
 
 
 def reference_force(problem: Problem, last: StaticLoad) -> float:
@@ -172,32 +172,32 @@ class Search:
         except relaxation.UnboundedDisplacement:
             return self.utilisation(False)._replace(most=np.inf), None
         except DivergedError as error:
-            reason = without_code(str(error)).removeprefix(f"{self.load_case.words}: ").rstrip(".")
+            reason = without_code(str(error)).removeprefix(f"{self.load_case.title}: ").rstrip(".")
             return LimitUtilisation(np.inf, (), reason), None
         utilisation = NO_UTILISATION if self.load_case.kind == "removal" else self.utilisation()
         return utilisation, None if utilisation.reason else equilibrium
 
     def find(
-        self, load: np.ndarray, roughly: bool = False, watch: Callable[[], None] | None = None
+        self, load: np.ndarray, roughly: bool = False, check_limit: Callable[[], None] | None = None
     ) -> Equilibrium:
         """Find the equilibrium, without an update of plastic strains. Raises DivergedError.
 
-        roughly : whether with the tolerance of a trial; watch : see `InteriorPoint`
+        roughly : whether with the tolerance of a trial; check_limit : see `InteriorPoint`
         """
-        iterations, tolerance, name = self.iterations, self.tolerance, self.load_case.words
+        iterations, tolerance, name = self.iterations, self.tolerance, self.load_case.title
         if roughly:
             iterations, tolerance = min(MAX_TRIAL_ITERATIONS, iterations), max(ROUGH_TOLERANCE, tolerance)
-        solution = self.solve(load, Criterion(tolerance, self.reference, iterations, name), watch)
+        solution = self.solve(load, Criterion(tolerance, self.reference, iterations, name), check_limit)
         return equilibrium_record(self.problem, solution, load)
 
     def solve(
-        self, load: np.ndarray, criterion: Criterion, watch: Callable[[], None] | None = None
+        self, load: np.ndarray, criterion: Criterion, check_limit: Callable[[], None] | None = None
     ) -> Solution:
         """Bring the state to equilibrium, slips included; arguments as of `EquilibriumFinder.find`."""
         resume, self.resume = self.resume, None
 
         def find() -> Solution:
-            return self.finder.find(load, criterion, self.stop, resume, watch)
+            return self.finder.find(load, criterion, self.stop, resume, check_limit)
 
         if self.finder.slips is None:
             return find()
@@ -263,7 +263,7 @@ class Search:
             finder.slips = Slips(slips.distribution, state, slips.chains)
             finder.slips.weights = load_case.weights
         load_at = load_on_path(finder, load_case.load, before, start, carried)
-        criterion = Criterion(self.tolerance, self.reference, MAX_TRIAL_ITERATIONS, load_case.words)
+        criterion = Criterion(self.tolerance, self.reference, MAX_TRIAL_ITERATIONS, load_case.title)
 
         def newton_at(share: float) -> Newton:
             load = load_at(share)
@@ -312,8 +312,8 @@ class Search:
 
     def say_bracket(self, low: float, high: float) -> None:
         """Report the bracket of the limit load factor."""
-        words = f"{self.load_case.words}: searching the limit load factor"
-        self.finder.report(f"{words}, {low:.3g} to {high:.3g}")
+        text = f"{self.load_case.title}: searching the limit load factor"
+        self.finder.report(f"{text}, {low:.3g} to {high:.3g}")
 
     def limit_by_work(self) -> tuple[Any, ...] | None:
         """Find the limit load factor by work control.

@@ -126,7 +126,7 @@ def limit_warning(load_case: StaticLoad, limit: LimitPoint, node: int | None) ->
     """Return the warning of a limit point on the path to an equilibrium; node : id of the node that jumps."""
     parts = {"permanent": "these loads", "removal": "the lost forces"}
     parts |= dict.fromkeys(("stage", "target", "deviation"), "its changes")
-    what, part = load_case.words, parts.get(load_case.kind)
+    what, part = load_case.title, parts.get(load_case.kind)
     at = f"{limit.share:.4g} of {part}" if part else f"load factor {limit.share:.4g}"
     if limit.particle < 0:
         return results_messages.LIMIT_POINT(what=what, at=at)
@@ -149,8 +149,8 @@ def with_element_ids(labels: dict[str, Any], element_id: np.ndarray) -> dict[str
 def no_equilibrium(job: Job, load_case: StaticLoad, outcome: StaticOutcome) -> str:
     """Return the error for a load without an equilibrium, with the load factor reached and a remedy."""
     if outcome.state == UNDECIDED:
-        return failure_text(messages.NO_EQUILIBRIUM, load_case.words, outcome)
-    what, reason, factor = load_case.words, outcome.reason, outcome.load_factor
+        return failure_text(messages.NO_EQUILIBRIUM, load_case.title, outcome)
+    what, reason, factor = load_case.title, outcome.reason, outcome.load_factor
     if load_case.kind == "initial_state" and derived.starts_in_mean_wind(job):
         pressure, speed = _rounded_down(factor), _rounded_down(np.sqrt(factor))
         if job.wind and job.wind.pressures:

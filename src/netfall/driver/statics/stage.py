@@ -52,7 +52,7 @@ from netfall.statics.at_limit import largest_torsion
 from netfall.statics.newton import STABLE
 from netfall.statics.relaxation import Paused, Relaxation
 
-# entries of `Equilibrium.numbers` and `keep` that are only for messages, and not written
+# entries of `Equilibrium.numbers` and `record_outcome` that are only for messages, and not written
 MESSAGE_NUMBERS = ("moved", "torsion", "stopped", "rounding", "unexplained")
 Result = tuple[StaticOutcome, dict[str, Any]]  # an outcome, and the arrays of its state
 
@@ -106,12 +106,12 @@ def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outc
         try:
             if saver.stage == NAME:
                 resume = resumed_relaxation(problem.distribution, saver)
-            elif context.memory.most:
+            elif context.cache.most:
                 key = problem.comm.bcast(cache_key(problem.job) if problem.model else None)
-                results = context.memory.get_or_compute("statics", key, list)
+                results = context.cache.get_or_compute("statics", key, list)
             find_equilibria(problem, context, path, resume, results)
         except Paused as pause:
-            name = equilibria(problem)[path.done].each.words
+            name = equilibria(problem)[path.done].load_case.title
             raise paused(problem, context, NAME, name, path.total, pause) from None
     outcome = Outcome(path, lines(path, problem), sections(path), labels=group_labels(path, problem))
     if not path.failed:
@@ -138,7 +138,7 @@ def find_equilibria(
     """
     state, requests, base = problem.state, equilibria(problem), None
     if path.reference is None:
-        last = [request for request in requests if request.each.kind not in SEPARATE][-1]
+        last = [request for request in requests if request.load_case.kind not in SEPARATE][-1]
         path.reference = reference_force(problem, loaded(problem, last))
     elif path.done > 0 and any(load_case.from_permanent for load_case, _ in requests[path.done :]):
         base = recompute_permanent(problem, loaded(problem, requests[0]), path.reference)
@@ -164,7 +164,7 @@ def find_equilibria(
             base = save_state(state)
         if results is not None and path.done == len(results):
             results.append((outcome, save_state(state)))
-        keep(problem, context, path, load_case, outcome)
+        record_outcome(problem, context, path, load_case, outcome)
         if load_case.kind == "permanent" and not has_load_cases(problem.job) and not has_history(problem):
             restore_initial_state(problem)
         if outcome.limit is not None:
@@ -175,15 +175,15 @@ def find_equilibria(
         if path.failed:
             break
         share, slack = path.done / len(requests), f"slack {outcome.equilibrium.slack}"
-        context.progress.at(share, load_case.words, path.total, "iterations", slack, even=False)
+        context.progress.at(share, load_case.title, path.total, "iterations", slack, even=False)
     if not path.failed and load_case.kind in SEPARATE:  # later equilibria start as if there were no cases
         restore_initial_state(problem)
     # cases that cannot start, because the permanent loads have no equilibrium; the last state replaces theirs
     verb = "are undecided" if path.undecided else "have no equilibrium"
     unstarted = outcome._replace(load_factor=math.nan, reason=f"the permanent loads {verb}: {outcome.reason}")
     for request in requests[path.done :]:
-        if request.each.kind in SEPARATE:
-            keep(problem, context, path, loaded(problem, request), unstarted)
+        if request.load_case.kind in SEPARATE:
+            record_outcome(problem, context, path, loaded(problem, request), unstarted)
 
 
 def apply_actions(problem: Problem, load_case: StaticLoad) -> StaticLoad:
@@ -228,7 +228,7 @@ def has_history(problem: Problem) -> bool:
     return bool(problem.comm.allreduce(any(array.any() for array in changes), MPI.LOR))
 
 
-def keep(
+def record_outcome(
     problem: Problem, context: RunContext, path: StaticPath, load_case: StaticLoad, outcome: StaticOutcome
 ) -> None:
     """Record an outcome and write it. Collective."""
@@ -253,7 +253,7 @@ def keep(
     if not outcome.carries:
         reaction, load = np.full_like(reaction, np.nan), load_case.load[snapshot.rows]
     group = f"cases/{load_case.name}" if is_apart else PERMANENT if kind == "permanent" else "statics"
-    context.watch(state, snapshot, group, outcome.load_factor if group == "statics" else 1.0)
+    context.on_equilibrium(state, snapshot, group, outcome.load_factor if group == "statics" else 1.0)
     forces = {"reaction": reaction, "load": load}
     if starts_cases:
         result.write_equilibrium(PERMANENT, state, snapshot, "displacement", forces)
