@@ -201,7 +201,7 @@ def test_slack_cables_are_found_with_tensions_as_unknowns(workshop, strain, yiel
     way = interior_point.InteriorPoint(method, state, NEVER_STOP)
     way.iterate(*until)
     assert state.x[2] == pytest.approx([0.0, 0.0, -depth], rel=1e-6, abs=1e-5)
-    assert max(way.missing) < 1e-5 and way.now[0, 2] < 1e-5 * way.now[0, 0]
+    assert max(way.errors) < 1e-5 and way.unknowns[0, 2] < 1e-5 * way.unknowns[0, 0]
     assert (state.present_element_state().eps_p[:2] > 0.01).all() == yields
 
 
@@ -240,8 +240,8 @@ def given(workshop, cells):
 def test_newtons_method_stops_early_far_from_equilibrium(workshop, monkeypatch):
     """If another method is better, the first correction that is too long by half is the last one."""
     method, state = given(workshop, 8)
-    shares, go = [], method.go
-    monkeypatch.setattr(method, "go", lambda *to: shares.append(go(*to)) or shares[-1])
+    shares, move_along = [], method.move_along
+    monkeypatch.setattr(method, "move_along", lambda *to: shares.append(move_along(*to)) or shares[-1])
     with pytest.raises(NoConvergence):
         method.find(1e-6, state.x_start, quick=True)
     assert [part < newton.LARGE_SHARE for part in shares] == [False] * (len(shares) - 1) + [True]
@@ -263,8 +263,8 @@ def test_the_share_of_a_correction_that_never_helps_is_that_of_the_positions():
     net = SimpleNamespace(x=np.zeros((2, 3)))
     spread = np.ones((2, 3))
     slopes = chain([[1.0]], repeat([-np.inf]))
-    method = Mock(net=net, spread=spread, inner_products=lambda *_: next(slopes), allowed_share=lambda s: 1.0)
-    share = newton.Newton.go(method, spread, spread)
+    method = Mock(net=net, u=spread, inner_products=lambda *_: next(slopes), allowed_share=lambda s: 1.0)
+    share = newton.Newton.move_along(method, spread, spread)
     assert 0.1 * NEGLIGIBLE <= share <= NEGLIGIBLE and (net.x == share).all()
 
 

@@ -267,16 +267,16 @@ def test_work_control_takes_long_steps_near_a_plastic_limit(workshop, monkeypatc
     job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-6e6), HANGERS)
     scene, row, _ = by_work(monkeypatch, job)
     state, load = scene.state, loaded(scene, equilibria(scene)[-1]).load
-    work = limits.Work(scene.finder.newton(0.0 * load), load[: state.n_owned])
+    work = limits.WorkControl(scene.finder.newton(0.0 * load), load[: state.n_owned])
     work.start = state.x_start[: state.n_owned].copy()
     steps = interior_point.InteriorPoint(work.newton, state, NEVER_STOP, work)
     for gap in 10.0 ** -np.arange(6.0):
-        before = work.done()
+        before = work.work()
         work.factor, work.target = row["load_factor"], 0.8 * before
         steps.restart_near_equilibrium()
-        steps.gap *= gap
+        steps.barrier *= gap
         steps.step()
-        assert work.done() < before
+        assert work.work() < before
 
 
 @pytest.mark.parametrize("breaks", [True, False])

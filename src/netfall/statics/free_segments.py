@@ -134,13 +134,13 @@ def compute_slip_forces(
     """Compute the forces of the elements at slips s (k,) [m] into `work`; return the potential W [J].
 
     L0, T, q, coupling, stiffness : as `_force_of` returns them; q includes the weight and the stop
-    drive, hold : the sums over each segment of q and of the stiffness against slip
+    drive, k_slip : the sums over each segment of q and of the stiffness against slip
 
     The potential is inf if a segment is too short. limit : (k,) [N], slip resistances against slips from old
     """
-    L0, T, q, drive, hold, W = work.L0, work.T, work.q, work.drive, work.hold, 0.0
+    L0, T, q, drive, k_slip, W = work.L0, work.T, work.q, work.drive, work.k_slip, 0.0
     drive[:] = 0.0
-    hold[:] = 0.0
+    k_slip[:] = 0.0
     for e in range(L0.shape[0]):
         g, slipped, EA, L = chains.segment[e], 0.0, elements.EA[e], elements.L[e]
         if chains.slip_in[g] >= 0:
@@ -159,7 +159,7 @@ def compute_slip_forces(
             W += 0.5 * elements.stop[e] * short * short
         work.coupling[e], work.stiffness[e] = coupling, stiffness
         drive[g] += chains.share[e] * q[e]
-        hold[g] += chains.share[e] * chains.share[e] * stiffness
+        k_slip[g] += chains.share[e] * chains.share[e] * stiffness
         if EA > 0.0 and L0[e] < SUBSTITUTE_SHARE * elements.strand[e]:
             W = math.inf
         elif EA > 0.0:
@@ -211,11 +211,11 @@ def slip_residuals(s: Any, old: Any, limit: Any, chains: Any, drive: Any, r: Any
 
 @kernel
 def solve_chains(
-    chains: Any, way: Any, hold: Any, b: Any, pivot: Any, off_diagonal: Any, border: Any, out: Any
+    chains: Any, way: Any, k_slip: Any, b: Any, pivot: Any, off_diagonal: Any, border: Any, out: Any
 ) -> None:
     """Solve K_ss out = b, slips (k,) [m] and forces (k,) [N] of the points that slip, chain by chain.
 
-    hold : (g,) of `compute_slip_forces`. The last slip point of a chain is a border of the matrix, for closed
+    k_slip : of `compute_slip_forces`. The last slip point of a chain is a border of the matrix, for closed
         chains.
     pivot, off_diagonal, border : (k,), scratch
     """
@@ -225,16 +225,16 @@ def solve_chains(
         for i in range(first, last + 1):
             pivot[i], off_diagonal[i], border[i], out[i] = 1.0, 0.0, 0.0, 0.0
             if way[i] != 0:
-                pivot[i] = hold[chains.segment_before[i]] + hold[chains.segment_after[i]]
+                pivot[i] = k_slip[chains.segment_before[i]] + k_slip[chains.segment_after[i]]
                 out[i] = b[i]
         for i in range(first, last + 1):
             g = chains.segment_after[i]
             j = chains.slip_out[g]
             if j >= 0 and j != i and way[i] != 0 and way[j] != 0:
                 if j == last or i == last:
-                    border[min(i, j)] -= hold[g]
+                    border[min(i, j)] -= k_slip[g]
                 else:
-                    off_diagonal[i] -= hold[g]
+                    off_diagonal[i] -= k_slip[g]
         corner = pivot[last]
         for i in range(first, last):
             pivot[i] = max(pivot[i], SUBSTITUTE_SHARE)
@@ -261,7 +261,7 @@ def solve_slips(
 ) -> Any:
     """Compute the slips s (k,) [m] at given positions from `old` (k,); return the relative residual force.
 
-    work : `Work`; its forces are then those at s
+    work : `SlipScratch`; its forces are then those at s
     """
     for i in range(s.shape[0]):
         s[i] = old[i]
@@ -275,7 +275,7 @@ def solve_slips(
                 scale = max(scale, LENGTH_ROUNDING * elements.stop[e] * elements.strand[e])
         if worst <= SUM_ROUNDING * scale:
             return 0.0
-        solve_chains(chains, w.way, w.hold, w.r, w.pivot, w.beside, w.border, w.step)
+        solve_chains(chains, w.way, w.k_slip, w.r, w.pivot, w.off_diagonal, w.border, w.step)
         for i in range(s.shape[0]):
             w.start[i], w.way_before[i] = s[i], w.way[i]
         step_share, new_potential = 1.0, 0.0
@@ -299,10 +299,10 @@ def solve_slips(
     return worst / scale
 
 
-class Work(Record):
+class SlipScratch(Record):
     """Scratch arrays of `solve_slips`.
 
-    Elements (q,) have L0 to stiffness, segments (g,) drive and hold, slip points (k,) the others.
+    Elements (q,) have L0 to stiffness, segments (g,) drive and k_slip, slip points (k,) the others.
     """
 
     L0: f8
@@ -311,10 +311,10 @@ class Work(Record):
     coupling: f8
     stiffness: f8
     drive: f8
-    hold: f8
+    k_slip: f8
     r: f8
     pivot: f8
-    beside: f8
+    off_diagonal: f8
     border: f8
     step: f8
     start: f8
@@ -322,6 +322,6 @@ class Work(Record):
     way_before: i8
 
 
-def allocate_slip_scratch(q: int, g: int, k: int) -> Work:
+def allocate_slip_scratch(q: int, g: int, k: int) -> SlipScratch:
     """Allocate the arrays for q elements, g segments and k slip points."""
-    return Work(*np.zeros((5, q)), *np.zeros((2, g)), *np.zeros((6, k)), *np.zeros((2, k), np.int64))
+    return SlipScratch(*np.zeros((5, q)), *np.zeros((2, g)), *np.zeros((6, k)), *np.zeros((2, k), np.int64))

@@ -58,26 +58,21 @@ class InteriorPoint:
     """Primal-dual interior point method for the cables of one state. Bars keep their law.
 
     rows : (k,) the cables in the net
-    now : (4, k), the tension N, its distance from the limit, p and q, all [N]
-    gap : barrier parameter [J]
-    work : `work_control.Work`, controls the load, None: the load is given
+    unknowns : (4, k), the tension N, its distance from the limit, p and q, all [N]
+    barrier : barrier parameter [J]
+    control : `work_control.WorkControl` of the load, None: the load is given
     check_limit() : called when the barrier parameter has been reduced at least twice; it may raise
     gradients : iterations so far
-    size : of the last step, the larger of the shares of `Newton.sizes`
-    missing : estimated errors after that step, at least the deviation of tensions from the law
+    size : of the last step, the larger of the shares of `Newton.step_sizes`
+    errors : estimated errors after that step, at least the deviation of tensions from the law
     """
 
     def __init__(
-        self, newton: Newton, state: State, stop: StopFlag, work: Any = None, check_limit: Any = None
+        self, newton: Newton, state: State, stop: StopFlag, control: Any = None, check_limit: Any = None
     ):
         """Start from the present positions. Collective. Raises NoConvergence if the net has no cables."""
-        self.newton, self.state, self.stop, self.work, self.check_limit = (
-            newton,
-            state,
-            stop,
-            work,
-            check_limit,
-        )
+        self.newton, self.state, self.stop = newton, state, stop
+        self.control, self.check_limit = control, check_limit
         self.steps = self.gradients = 0
         self.rows = rows = np.flatnonzero((state.EA > 0.0) & (state.bar == 0))
         self.owned = own = newton.distribution.subdomain.element_owned[rows]
@@ -93,24 +88,24 @@ class InteriorPoint:
             raise NoConvergence("there are no cables")
         energies = 0.5 * N * N / self.EA[own] * self.L0[own]
         self.energy = exact_sums(newton.comm, energies)[0] / self.count
-        self.gap = self.first_gap = (PLASTIC_BARRIER if yields else ELASTIC_BARRIER) * self.energy
-        self.size, self.missing = np.inf, (np.inf, np.inf)
+        self.barrier = self.first_barrier = (PLASTIC_BARRIER if yields else ELASTIC_BARRIER) * self.energy
+        self.size, self.errors = np.inf, (np.inf, np.inf)
         self._initialise(elements.L[rows])
 
     @np.errstate(divide="ignore", invalid="ignore")
     def _initialise(self, L: np.ndarray) -> None:
-        """Set `now` to an initial guess for lengths L (k,) [m].
+        """Set `unknowns` to an initial guess for lengths L (k,) [m].
 
         The lower bound is treated as if nothing yielded, the upper bound as if nothing were slack.
         """
         a, k = self._elastic_force(L)
-        N = 0.5 * (a + np.sqrt(a * a + 4.0 * self.gap * k))
+        N = 0.5 * (a + np.sqrt(a * a + 4.0 * self.barrier * k))
         yields = np.isfinite(self.limit)
         half = np.where(yields, 0.5 * (self.limit - N), 0.0)
-        lowered = N + half - np.sqrt(half * half + self.gap * k)
+        lowered = N + half - np.sqrt(half * half + self.barrier * k)
         N = np.where(yields, np.maximum(lowered, BARRIER_FACTOR * np.minimum(N, self.limit)), N)
         bounded = np.array([N, self.limit - N])
-        self.now = np.concatenate([bounded, self.gap * k / bounded])
+        self.unknowns = np.concatenate([bounded, self.barrier * k / bounded])
 
     def _elastic_force(self, L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Compute the forces (k,) [N] as if cables were elastic at lengths L [m], and the stiffness [N/m]."""
@@ -120,8 +115,8 @@ class InteriorPoint:
 
     def restart_near_equilibrium(self) -> None:
         """Restart with a small barrier parameter from present positions that are close to an equilibrium."""
-        self.gap, self.steps = BARRIER_FACTOR**3 * self.energy, 0
-        self.size, self.missing = np.inf, (np.inf, np.inf)
+        self.barrier, self.steps = BARRIER_FACTOR**3 * self.energy, 0
+        self.size, self.errors = np.inf, (np.inf, np.inf)
         self._initialise(self.state.present_element_state().L[self.rows])
 
     def iterate(self, size: float, tolerance: float) -> StartPoint:
@@ -132,10 +127,10 @@ class InteriorPoint:
 
         Raises NoConvergence, StopRequested, UnboundedDisplacement.
         """
-        while (self.size > size or not size) and max(self.missing) > tolerance:
+        while (self.size > size or not size) and max(self.errors) > tolerance:
             if self.steps < MOST_STEPS:
                 self.step()
-            elif max(self.missing) <= NEAR_TOLERANCE * tolerance:
+            elif max(self.errors) <= NEAR_TOLERANCE * tolerance:
                 break
             else:
                 raise NoConvergence(f"{MOST_STEPS} steps were not enough")
@@ -151,9 +146,11 @@ class InteriorPoint:
         K, L = newton.tangent(), state.present_element_state().L[rows]
         # the tension that the step aims at with fixed ends, and the stiffness against motion of the ends
         a, k = self._elastic_force(L)
-        bounded, dual = self.now[:2], self.now[2:]
+        bounded, dual = self.unknowns[:2], self.unknowns[2:]
         D = 1.0 + dual[0] / bounded[0] + dual[1] / bounded[1]
-        aimed = bounded[0] + (a - bounded[0] + self.gap * k / bounded[0] - self.gap * k / bounded[1]) / D
+        aimed = (
+            bounded[0] + (a - bounded[0] + self.barrier * k / bounded[0] - self.barrier * k / bounded[1]) / D
+        )
         pull, K = np.zeros(state.m), K._replace(across=np.maximum(K.across, 0.0))
         pull[rows], K.axial[rows], K.across[rows] = aimed - K.N[rows], k / D, bounded[0] / L
         newton.net.forces(state.x, newton.f)
@@ -162,22 +159,22 @@ class InteriorPoint:
             along = pull * K.direction[:, axis]
             forces = np.concatenate([newton.f[:, axis], np.column_stack([along, -along]).ravel()])
             newton.f[:, axis] = np.bincount(node, forces)
-        s, factor_change, count = self.answer(K, newton.without_held(newton.f[newton.owned]))
-        displacement, changed, change = newton.sizes(K, s, state.x_start)
+        s, factor_change, count = self.correction(K, newton.without_held(newton.f[newton.owned]))
+        displacement, changed, change = newton.step_sizes(K, s, state.x_start)
         change = change[rows]
         changes, part = self._changes(aimed - bounded[0] + change, k)
-        turns = lengths(newton.spread[self.ends[:, 1]] - newton.spread[self.ends[:, 0]]) / L
+        turns = lengths(newton.u[self.ends[:, 1]] - newton.u[self.ends[:, 0]]) / L
         (most_turn,) = newton.largest(turns)
         longest = max(1.0 / max(most_turn, 1e-300), STEP_SHARES[-1])
         step_share = min(newton.allowed_share(s), self.longest_step(part), longest)
-        state.x[:] += step_share * newton.spread
-        self.now = now = np.maximum(self.now + step_share * changes, BARRIER_FACTOR * self.now)
+        state.x[:] += step_share * newton.u
+        self.unknowns = now = np.maximum(self.unknowns + step_share * changes, BARRIER_FACTOR * self.unknowns)
         lower = now[0] < now[1]
         now[1, lower] = self.limit[lower] - now[0, lower]
         now[0, ~lower] = self.limit[~lower] - now[1, ~lower]
-        if self.work is not None:
-            self.work.factor += step_share * factor_change
-        elif newton.net.lost is not None and newton.net.lost(newton.comm, newton.spread):
+        if self.control is not None:
+            self.control.factor += step_share * factor_change
+        elif newton.net.is_unbounded is not None and newton.net.is_unbounded(newton.comm, newton.u):
             raise UnboundedDisplacement(messages.UNBOUNDED_YIELDING())
         size = max(displacement, changed)
         # what is left if step sizes go on to decrease at the same rate, at least the step itself
@@ -186,37 +183,37 @@ class InteriorPoint:
         displacement_error, tension_error = (
             part_size * share_left if part_size else 0.0 for part_size in (displacement, changed)
         )
-        off = state.present_element_state().N[rows] - self.now[0]  # deviation of tensions from the law
-        deviation, largest_tension = newton.largest(off[self.owned], self.now[0, self.owned])
-        self.missing = displacement_error, max(tension_error, deviation / largest_tension)
+        off = state.present_element_state().N[rows] - self.unknowns[0]  # deviation of tensions from the law
+        deviation, largest_tension = newton.largest(off[self.owned], self.unknowns[0, self.owned])
+        self.errors = displacement_error, max(tension_error, deviation / largest_tension)
         self.size, self.steps, self.gradients = size, self.steps + 1, self.gradients + count
         # unsettled: allows less than half a step, or its tension changes much by the motion of the ends
         unsettled = (part < LARGE_SHARE) | (np.abs(change[self.owned]) > LARGE_SHARE * largest_tension)
         is_settled = self.few(np.count_nonzero(unsettled))
         if step_share == 1.0 and displacement < LARGE_SHARE and is_settled:
-            self.gap = max(BARRIER_FACTOR * self.gap, np.finfo(float).eps * self.energy)
-            if self.check_limit is not None and self.gap < 2.0 * BARRIER_FACTOR**2 * self.first_gap:
+            self.barrier = max(BARRIER_FACTOR * self.barrier, np.finfo(float).eps * self.energy)
+            if self.check_limit is not None and self.barrier < 2.0 * BARRIER_FACTOR**2 * self.first_barrier:
                 self.check_limit()
 
     def _changes(self, tension_change: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the changes (4, k) of `now` in a step, for changes of tension (k,) [N].
+        """Return the changes (4, k) of `unknowns` in a step, for changes of tension (k,) [N].
 
         Also returns the share of the step at which the first of the four becomes 0, of each own cable.
         """
-        bounded, dual = self.now[:2], self.now[2:]
+        bounded, dual = self.unknowns[:2], self.unknowns[2:]
         changes = np.array([tension_change, -tension_change])
-        changes = np.concatenate([changes, self.gap * k / bounded - dual * (1.0 + changes / bounded)])
+        changes = np.concatenate([changes, self.barrier * k / bounded - dual * (1.0 + changes / bounded)])
         ratios = np.full_like(changes, np.inf)
-        np.divide(-self.now, changes, out=ratios, where=changes < 0.0)
+        np.divide(-self.unknowns, changes, out=ratios, where=changes < 0.0)
         return changes, ratios.min(0)[self.owned]
 
-    def answer(self, K: Tangent, r: np.ndarray) -> tuple[np.ndarray, float, int]:
-        """Return the correction (n_owned, 3) [m], the change of `work.factor`, and the iterations.
+    def correction(self, K: Tangent, r: np.ndarray) -> tuple[np.ndarray, float, int]:
+        """Return the correction (n_owned, 3) [m], the change of `control.factor`, and the iterations.
 
         Collective.
         """
-        if self.work is not None:
-            return self.work.solve(K, self.newton.cycle(K), r)
+        if self.control is not None:
+            return self.control.solve(K, self.newton.cycle(K), r)
         s, count = self.newton.solve(K, self.newton.cycle(K), r)
         return s, 0.0, count
 

@@ -67,17 +67,17 @@ class Trial(NamedTuple):
     """Result of a trial of the search for the limit.
 
     at : prescribed quantity, the load factor or the work [J]
-    factor : load factor; there : utilisation of the net
+    factor : load factor; utilisation : of the net
     """
 
     at: float
     factor: float
-    there: LimitUtilisation
+    utilisation: LimitUtilisation
 
     @property
     def is_confirmed(self) -> bool:
         """Return whether the utilisation is finite and sure."""
-        return self.there.is_sure and self.there.most < np.inf
+        return self.utilisation.is_sure and self.utilisation.most < np.inf
 
 
 UNLOADED = Trial(0.0, 0.0, NO_UTILISATION)
@@ -193,7 +193,7 @@ def search_limit(
             break
         report(low.factor, min(high.factor, 1.0))
         result = trial(high.at if is_narrow else _next_trial(low, high, repeats))
-        if result.there.reason:
+        if result.utilisation.reason:
             is_confirmed = is_narrow or result.is_confirmed
             high, repeats = result, min(repeats, 0) - 1
         elif is_narrow:  # the load is carried after all
@@ -203,18 +203,18 @@ def search_limit(
     return low, high
 
 
-def _next_trial(low: Trial, high: Trial, stays: int) -> float:
+def _next_trial(low: Trial, high: Trial, repeats: int) -> float:
     """Return the next trial between two trials, by regula falsi, half of `BRACKET_WIDTH` or more inside the
     bracket.
 
-    stays : how often the high end has stayed; less than 0: the low end
+    repeats : how often the high end has stayed; less than 0: the low end
 
     The Illinois rule halves the residual of an end that stays, so the search approaches the limit from both
     sides.
     """
-    reserve, excess = 1.0 - low.there.most, high.there.most - 1.0
+    reserve, excess = 1.0 - low.utilisation.most, high.utilisation.most - 1.0
     share, margin = 0.5, 0.5 * BRACKET_WIDTH * high.factor / (high.factor - low.factor)
     if excess < np.inf:
-        reserve, excess = reserve * 0.5 ** max(-stays - 1, 0), excess * 0.5 ** max(stays - 1, 0)
+        reserve, excess = reserve * 0.5 ** max(-repeats - 1, 0), excess * 0.5 ** max(repeats - 1, 0)
         share = min(max(reserve / (reserve + excess), margin), 1.0 - margin)
     return low.at + share * (high.at - low.at)

@@ -67,10 +67,10 @@ class LoadPath:
     """
 
     def __init__(
-        self, state: State, newton: Callable[..., Any], find: Callable[[float], object], hangs: bool
+        self, state: State, newton: Callable[..., Any], find: Callable[[float], object], is_mechanism: bool
     ):
-        """hangs : whether the net may be a mechanism along the path, which is stable only when it is taut."""
-        self.state, self.newton, self.find, self.hangs = state, newton, find, hangs
+        """is_mechanism : whether the net may be one along the path; it is stable only when taut."""
+        self.state, self.newton, self.find, self.is_mechanism = state, newton, find, is_mechanism
 
     def limit_point(
         self, x: np.ndarray, end: np.ndarray | None
@@ -103,7 +103,7 @@ class LoadPath:
             else:
                 high = 0.5 * (low + high)
             upper = self._between(x, high)
-            if upper is None and self.hangs and not is_narrow:
+            if upper is None and self.is_mechanism and not is_narrow:
                 return self._limit_point_of_fall(x, end, low), end
             stack.append((high, upper, is_narrow))
 
@@ -112,7 +112,7 @@ class LoadPath:
 
         If the net may be a mechanism along the path, only bars that turn by more than 90 degrees count.
         """
-        if end is None or not self.has_turned_over(x, end, compressed=not self.hangs):
+        if end is None or not self.has_turned_over(x, end, compressed=not self.is_mechanism):
             return None
         newton = self.newton(low)
         jump, particle = newton.largest_at(lengths((end - x)[newton.owned]))
@@ -144,7 +144,7 @@ class LoadPath:
         N = state.present_element_state().N
         if (newton := self._predicted(x, 0.0, 1.0)) is None:
             return True
-        d, u, now = x[b] - x[a], newton.spread[b] - newton.spread[a], state.present_element_state()
+        d, u, now = x[b] - x[a], newton.u[b] - newton.u[a], state.present_element_state()
         foreseen = now.N + state.EA / state.L0 * (u * d).sum(1) / now.L
         least = LEAST_PASSED * newton.comm.allreduce(float(np.abs(N).max(initial=0.0)), MPI.MAX)
         last = end[b] - end[a]
@@ -185,7 +185,7 @@ class LoadPath:
         for begin, factor, target, sign in ((x, low, high, 1.0), (upper, high, low, -1.0)):
             if (newton := self._predicted(begin, factor, target)) is None:
                 return None
-            predicted = newton.spread
+            predicted = newton.u
             newton.begin()
             # a tangent that is singular but for rounded tensions predicts any motion: no sign of a jump
             is_known.append(newton.largest(predicted[newton.owned])[0] <= newton.extent)

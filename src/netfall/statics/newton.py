@@ -26,7 +26,7 @@ from netfall.statics.bounds import LARGE_SHARE, MOST_STEPS, NEGLIGIBLE, SUBSTITU
 from netfall.statics.multigrid.cycle import CycleStructure, VCycle
 from netfall.statics.multigrid.distributed import dot_rows
 from netfall.statics.multigrid.tangent import Tangent, pseudo_random, without_compression
-from netfall.statics.relaxation import Net
+from netfall.statics.relaxation import StaticNet
 
 # iterations of a search that converges slowly or not at all: of corrections it takes 3 to 15, of conjugate
 # gradients with a cycle that fits the tangent some 10
@@ -69,7 +69,7 @@ class Solution(NamedTuple):
 class StartPoint(NamedTuple):
     """Start of Newton's method at a net that another method has brought close to an equilibrium.
 
-    gradients : iterations so far; size : of the last correction, the larger of the shares of `Newton.sizes`
+    gradients : iterations so far; size : of the last correction, the larger share of `Newton.step_sizes`
     """
 
     gradients: int = 0
@@ -104,21 +104,20 @@ class Newton:
         comm: MPI.Comm,
         halo: Halo,
         distribution: Distribution,
-        net: Net,
+        net: StaticNet,
         tangent: Callable[..., Any],
         structure: CycleStructure,
     ):
-        """net : `relaxation.Net`; tangent() : returns the `Tangent` at its positions. Collective."""
+        """tangent() : returns the `Tangent` at its positions. Collective."""
         self.comm, self.halo, self.distribution = comm, halo, distribution
         self.net, self.tangent, self.structure = net, tangent, structure
         self.owned = slice(halo.n_owned)
         self.moves = np.ascontiguousarray(net.free[self.owned]) != 0
-        self.stays = np.nonzero(~self.moves)
-        self.moved_elements = np.asarray(net.free.any(1))[net.ends].any(
-            1
-        )  # without elements between supports
-        self.spread = np.zeros_like(np.ascontiguousarray(net.x))
-        self.answer = np.zeros_like(self.spread)
+        self.held = np.nonzero(~self.moves)
+        # without elements between supports
+        self.moved_elements = np.asarray(net.free.any(1))[net.ends].any(1)
+        self.u = np.zeros_like(np.ascontiguousarray(net.x))
+        self.force = np.zeros_like(self.u)
         self.f = np.zeros_like(net.x)
         self.inertia = self.extent = self.rounded = 0.0
 
@@ -152,35 +151,35 @@ class Newton:
         return self.without_held(self.f[self.owned])
 
     def set_displacement(self, u: np.ndarray) -> None:
-        """Copy displacements u (n_owned, 3) [m] to `spread` (n, 3) and update its halo. Collective."""
-        self.spread[self.owned] = u
-        self.halo.update(self.spread)
+        """Copy displacements u (n_owned, 3) [m] to `u` (n, 3) and update its halo. Collective."""
+        self.u[self.owned] = u
+        self.halo.update(self.u)
 
     def stiffness_times(self, K: Tangent, u: np.ndarray) -> np.ndarray:
         """Multiply the tangent stiffness by displacements u (n_owned, 3) [m]; [N], a view. Collective."""
         self.set_displacement(u)
-        self.answer[:] = 0.0
-        add_stiffness(self.spread, self.net.ends, K.direction, K.axial, K.across, self.answer)
+        self.force[:] = 0.0
+        add_stiffness(self.u, self.net.ends, K.direction, K.axial, K.across, self.force)
         if K.joints is not None:
-            add_joint_stiffness(self.spread, K.joints.particles, K.joints.stiffness, self.answer)
+            add_joint_stiffness(self.u, K.joints.particles, K.joints.stiffness, self.force)
         if K.support is not None:
-            self.answer += K.support * self.spread
+            self.force += K.support * self.u
         if K.between is not None:
-            self.answer[:, :2] += K.between[:, None] * self.spread[:, 1::-1]
-        out = self.answer[self.owned]
+            self.force[:, :2] += K.between[:, None] * self.u[:, 1::-1]
+        out = self.force[self.owned]
         if K.slip is not None:
-            K.slip.subtract_slip(self.spread, self.answer)
+            K.slip.subtract_slip(self.u, self.force)
         if self.inertia:
             out += self.inertia * K.nodal[self.owned, None] * u
-        return self._held(out)
+        return self._zero_held(out)
 
     def without_held(self, rows: np.ndarray) -> np.ndarray:
         """Return a copy of rows (n_owned, 3) without the components along held directions."""
-        return self._held(np.where(self.moves, rows, 0.0))
+        return self._zero_held(np.where(self.moves, rows, 0.0))
 
-    def _held(self, rows: np.ndarray) -> np.ndarray:
+    def _zero_held(self, rows: np.ndarray) -> np.ndarray:
         """Set rows (n_owned, 3) to 0 on held axes and along lines held by supports, in place; return them."""
-        rows[self.stays] = 0.0
+        rows[self.held] = 0.0
         if self.net.turned is not None:
             project_on_guides(self.net.turned, rows)
         return rows
@@ -199,7 +198,7 @@ class Newton:
         Raises NoConvergence if the tangent is singular in the direction of the residual.
         """
         s, remainder = np.zeros_like(r), r
-        p = z = self._held(cycle(remainder))
+        p = z = self._zero_held(cycle(remainder))
         rz, rr = self.inner_products((remainder, z), (remainder, remainder))
         if rr == 0.0:
             return s, 0
@@ -214,7 +213,7 @@ class Newton:
             step = rz / pq
             s += step * p
             previous_remainder, remainder = remainder, remainder - step * q
-            z = self._held(cycle(remainder))
+            z = self._zero_held(cycle(remainder))
             size, new, mixed_product = self.inner_products(
                 (remainder, remainder), (remainder, z), (previous_remainder, z)
             )
@@ -269,13 +268,13 @@ class Newton:
                 if exact and self.comm.allreduce(K.is_softened, MPI.LOR):
                     K, exact = without_compression(K), False
                 else:
-                    self._more_inertia()
+                    self._increase_inertia()
                     cycle = None
                 previous_size = np.inf
                 continue
             total += count
-            displacement, change, predicted = self.sizes(K, s, start)
-            step_share = self.go(s, r)
+            displacement, change, predicted = self.step_sizes(K, s, start)
+            step_share = self.move_along(s, r)
             old_tangent, r, K = K, self.residual(), self.tangent()
             unpredicted = self.tension_share(K.N - old_tangent.N - predicted, K.N)
             is_full, change = step_share == 1.0 and not self.inertia, max(change, unpredicted)
@@ -295,7 +294,7 @@ class Newton:
                 return self.solution(total, (remaining_share * displacement, remaining_share * change))
             previous_size, exact = size if is_full else np.inf, True
             if step_share < LARGE_SHARE:
-                self._more_inertia()
+                self._increase_inertia()
             elif step_share == 1.0:
                 self.inertia = 0.0 if self.inertia <= SUBSTITUTE_SHARE else 0.1 * self.inertia
         raise NoConvergence(f"{MANY_ITERATIONS} corrections were not enough")
@@ -314,7 +313,7 @@ class Newton:
         size = np.abs(self.net.x).max(1, initial=0.0)[self.net.ends].max(1, initial=0.0)
         return np.asarray(ROUNDING_ULPS * np.finfo(float).eps * (K.axial + np.abs(K.across)) * size)
 
-    def changes(
+    def relative_changes(
         self, moved: np.ndarray, distance: np.ndarray, change: np.ndarray, N: np.ndarray
     ) -> tuple[float, float]:
         """Compare displacements and changes of tension with the largest ones; 0 if rounded. Collective.
@@ -335,19 +334,19 @@ class Newton:
         largest, tension = self.largest(change[self.moved_elements], N[self.moved_elements])
         return largest / tension if tension > 0.0 else 0.0
 
-    def _more_inertia(self) -> None:
+    def _increase_inertia(self) -> None:
         self.inertia = 10.0 * self.inertia or SUBSTITUTE_SHARE
         if self.inertia > CG_TOLERANCE:  # it would falsify a correction more than conjugate gradients do
             raise NoConvergence("the tangent is singular")
 
-    def sizes(self, K: Tangent, s: np.ndarray, start: np.ndarray) -> tuple[float, float, np.ndarray]:
-        """Return `changes` due to a correction, and its changes of tension (m,) [N]. Collective."""
+    def step_sizes(self, K: Tangent, s: np.ndarray, start: np.ndarray) -> tuple[float, float, np.ndarray]:
+        """Return `relative_changes` due to a correction, and its changes of tension (m,) [N]. Collective."""
         self.set_displacement(s)
-        change = axial_forces(self.spread, self.net.ends, K.direction, K.axial)
+        change = axial_forces(self.u, self.net.ends, K.direction, K.axial)
         if K.slip is not None:
-            K.slip.add_changes(self.spread, change)
+            K.slip.add_changes(self.u, change)
         distance = self.net.x[self.owned] - start[self.owned] + s
-        displacement, tension = self.changes(s, distance, change, K.N)
+        displacement, tension = self.relative_changes(s, distance, change, K.N)
         (farthest,) = self.largest(lengths(distance))
         # rounded forces move a net by that share of its size: of such a distance no share is meaningful
         if farthest <= SUBSTITUTE_SHARE * self.extent and farthest <= self.rounding(K) * self.extent:
@@ -375,17 +374,17 @@ class Newton:
         r = self.without_held(np.where(present, pseudo_random(number), 0.0))
         shape = None
         # second: decides if nodes of slack cables or of a mechanism have no stiffness
-        for of_matrix, of_cycle in ((0.0, 0.0), (SUM_ROUNDING, SUBSTITUTE_SHARE)):
+        for matrix_inertia, cycle_inertia in ((0.0, 0.0), (SUM_ROUNDING, SUBSTITUTE_SHARE)):
             try:
-                self.inertia = of_cycle
+                self.inertia = cycle_inertia
                 cycle = self.cycle(K)
-                self.inertia = of_matrix
+                self.inertia = matrix_inertia
                 self.solve(K, cycle, r, CG_TOLERANCE**2)
                 return None
             except NotPositiveDefinite as error:
                 shape = error.shape if shape is None else shape
             except NoConvergence:
-                if of_matrix and shape is None:
+                if matrix_inertia and shape is None:
                     raise
             finally:
                 self.inertia = 0.0
@@ -412,7 +411,7 @@ class Newton:
         """Return the share of a correction that moves nothing too far. Collective."""
         return min(1.0, LARGE_SHARE * self.extent / max(self.largest(s)[0], 1e-300))
 
-    def go(self, s: np.ndarray, r: np.ndarray) -> float:
+    def move_along(self, s: np.ndarray, r: np.ndarray) -> float:
         """Move the net along a correction until the residual changes sign; return the share moved.
 
         Collective.
@@ -422,7 +421,7 @@ class Newton:
         (slope,) = self.inner_products((r, s))
         self.set_displacement(s)
         while True:
-            self.net.x[:] = start + step_share * self.spread
+            self.net.x[:] = start + step_share * self.u
             (new_slope,) = self.inner_products((self.residual(), s))
             is_good = np.isfinite(new_slope) and new_slope >= -0.5 * slope
             if is_good or not step_share > NEGLIGIBLE:

@@ -77,15 +77,15 @@ def initial_relaxation(x: np.ndarray) -> Relaxation:
     return Relaxation(0, 0.0, True, x, np.zeros_like(x), np.ones_like(x))
 
 
-class Net(NamedTuple):
-    """Problem that `relax` solves: positions x (n, 3) [m], owned and halo, and the forces on them.
+class StaticNet(NamedTuple):
+    """Net whose equilibrium is sought: positions x (n, 3) [m], owned and halo, and the forces on them.
 
     free : (n, 3), 1 if the axis can move; ends : (m, 2)
     forces(x, f) : writes the total force f (n, 3) [N] of the owned particles
     stiffness(x) : returns an upper bound (m,) [N/m] of the elements' stiffness at x
     support : (n,) [N/m] of elastic supports, the stiffest axis, None: none
     bound(x, out) : adds to out (n,) the stiffness of bending joints, None: there are none
-    lost(comm, u, residual) : see `limit_load.is_unbounded`, for displacements u (n, 3); None: nothing yields
+    is_unbounded(comm, u, residual) : as of `limit_load`, for displacements u (n, 3); None: nothing yields
     turned : (n, 3) of supports with axes of their own, None: there are none; `forces` leaves no component
         along the lines that they hold
     """
@@ -97,14 +97,14 @@ class Net(NamedTuple):
     stiffness: Callable[[np.ndarray], np.ndarray]
     support: np.ndarray | None = None
     bound: Callable[[np.ndarray, np.ndarray], None] | None = None
-    lost: Callable[..., bool] | None = None
+    is_unbounded: Callable[..., bool] | None = None
     turned: np.ndarray | None = None
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a residual that is not finite ends it
 def relax(
     halo: Halo,
-    net: Net,
+    net: StaticNet,
     tolerance: float,
     max_iterations: int,
     name: str,
@@ -139,7 +139,11 @@ def relax(
             report(iteration, residual)
             if stopping:
                 raise Paused(Relaxation(iteration, previous, rested, x.copy(order="K"), v, mass))
-        if net.lost is not None and iteration % (10 * CHECK_EVERY) == 0 and net.lost(comm, v, residual):
+        if (
+            net.is_unbounded is not None
+            and iteration % (10 * CHECK_EVERY) == 0
+            and net.is_unbounded(comm, v, residual)
+        ):
             raise UnboundedDisplacement(messages.UNBOUNDED_YIELDING())
         halo.update(f)
         if rested:
@@ -177,8 +181,8 @@ def largest_force(
     return float(comm.allreduce(local_maximum, MPI.MAX))
 
 
-def net_of(state: State, load: np.ndarray, slips: Any = None) -> Net:
-    """Build the `Net` of a state under a load (n, 3) [N] of owned and halo particles, plastic strain fixed.
+def static_net(state: State, load: np.ndarray, slips: Any = None) -> StaticNet:
+    """Build the net of a state under a load (n, 3) [N] of owned and halo particles, plastic strain fixed.
 
     slips : `slip.Slips`, None: no cable slides
     """
@@ -213,13 +217,13 @@ def net_of(state: State, load: np.ndarray, slips: Any = None) -> Net:
 
     bound = None if joints is None else joint_bound
 
-    def lost(comm: MPI.Comm, u: FloatArray, residual: float = np.inf) -> bool:
+    def has_no_equilibrium(comm: MPI.Comm, u: FloatArray, residual: float = np.inf) -> bool:
         stiffness = np.zeros(len(u)) if support is None else support.copy()
         if bound is not None:
             bound(state.x, stiffness)
         return is_unbounded(comm, state, load, stiffness > 0.0, (u, state.x - state.x_start), residual)
 
-    return Net(
+    return StaticNet(
         state.x,
         state.free,
         state.ends,
@@ -227,7 +231,7 @@ def net_of(state: State, load: np.ndarray, slips: Any = None) -> Net:
         stiffness,
         support,
         bound,
-        lost if state.features.plastic else None,
+        has_no_equilibrium if state.features.plastic else None,
         state.turned,
     )
 
@@ -238,7 +242,7 @@ def state_residual(comm: MPI.Comm, state: State, load: np.ndarray) -> float:
     load : (n, 3) [N]
     """
     f = np.zeros_like(state.x)
-    net_of(state, load).forces(state.x, f)
+    static_net(state, load).forces(state.x, f)
     return comm.allreduce(largest_residual(f, state.free, state.n_owned), MPI.MAX)
 
 

@@ -36,14 +36,14 @@ class SlipTangent(NamedTuple):
     """Reduction of the tangent stiffness by slip, at the positions of construction. slips : `Slips`
 
     way : (k,) 0 if a slip point sticks; coupling, stiffness : (q,) of `_force_of`; direction : (q, 3)
-    hold : (g,) of `compute_slip_forces`
+    k_slip : (g,) of `compute_slip_forces`
     """
 
     slips: "Slips"
     way: np.ndarray
     coupling: np.ndarray
     stiffness: np.ndarray
-    hold: np.ndarray
+    k_slip: np.ndarray
     direction: np.ndarray
 
     def changes(self, u: np.ndarray) -> np.ndarray:
@@ -75,7 +75,7 @@ class SlipTangent(NamedTuple):
         drive = chains.by_segment(q)
         forces = drive[chains.segment_after] - drive[chains.segment_before]
         s, (pivot, off_diagonal, border) = np.empty(len(self.way)), np.empty((3, len(self.way)))
-        free_segments.solve_chains(chains, self.way, self.hold, forces, pivot, off_diagonal, border, s)
+        free_segments.solve_chains(chains, self.way, self.k_slip, forces, pivot, off_diagonal, border, s)
         return chains.passed(np.where(self.way != 0, s, 0.0))
 
     def subtract_slip(self, u: np.ndarray, answer: np.ndarray) -> None:
@@ -266,7 +266,7 @@ class Slips:
     def _tangent(self, way: np.ndarray, direction: np.ndarray) -> SlipTangent:
         w = self.work
         coupling = np.where(w.T > 0.0, w.coupling, 0.0)
-        return SlipTangent(self, way, coupling, w.stiffness.copy(), w.hold.copy(), direction)
+        return SlipTangent(self, way, coupling, w.stiffness.copy(), w.k_slip.copy(), direction)
 
     def datasets(self, in_equilibrium: bool = True) -> dict[str, list[float]]:
         """Return slip [m] and the force against slip [N] as datasets (k,); nan: not in equilibrium."""

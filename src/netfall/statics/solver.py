@@ -44,7 +44,7 @@ from netfall.statics.newton import (
     StartPoint,
     StopRequested,
 )
-from netfall.statics.relaxation import Paused, Relaxation, initial_relaxation, net_of, relax
+from netfall.statics.relaxation import Paused, Relaxation, initial_relaxation, relax, static_net
 from netfall.statics.slip import Slips
 
 # residuals over the largest force [-], after which Newton's method is tried
@@ -160,10 +160,10 @@ class EquilibriumFinder:
             if not has_second:
                 raise
         x[:] = start
-        mixed, solution = InteriorPoint(newton, state, stop, check_limit=check_limit), None
+        interior_point, solution = InteriorPoint(newton, state, stop, check_limit=check_limit), None
         for size in STEP_SIZES:
-            start_point = mixed.iterate(size, tolerance)
-            if max(mixed.missing) <= tolerance:
+            start_point = interior_point.iterate(size, tolerance)
+            if max(interior_point.errors) <= tolerance:
                 break
             positions = x.copy(order="K")
             try:
@@ -171,7 +171,7 @@ class EquilibriumFinder:
                 break
             except NoConvergence:
                 x[:] = positions
-        solution = solution or newton.solution(mixed.gradients, mixed.missing)
+        solution = solution or newton.solution(interior_point.gradients, interior_point.errors)
         if solution.unstable_at >= 0:
             raise NoConvergence("the equilibrium is unstable; relaxation may find a stable one")
         return solution
@@ -226,11 +226,11 @@ class EquilibriumFinder:
                     newton.begin()
                     K = newton.tangent()
                     s, _ = newton.solve(K, newton.cycle(K), newton.residual())
-                    errors = newton.sizes(K, s, state.x_start)[:2]
+                    errors = newton.step_sizes(K, s, state.x_start)[:2]
                 except NoConvergence:
                     if tensions is not None:  # the change since ten times the residual
                         moved, distance = ((state.x - x)[newton.owned] for x in (before, state.x_start))
-                        errors = newton.changes(moved, distance, N - tensions, N)
+                        errors = newton.relative_changes(moved, distance, N - tensions, N)
                 solution = Solution(total, residual, *errors, True, newton.unstable_at())
                 tensions = N
                 if solution.error <= tolerance:
@@ -297,10 +297,10 @@ class EquilibriumFinder:
             r = newton.without_held(newton.f[newton.owned])
             s, _ = newton.solve(K, cycle, r, NEGLIGIBLE)  # small, since differences are used
             newton.set_displacement(s)
-            axial = axial_forces(newton.spread, state.ends, K.direction, K.axial)
+            axial = axial_forces(newton.u, state.ends, K.direction, K.axial)
             if K.slip is not None:
-                K.slip.add_changes(newton.spread, axial)
-            return newton.spread, fixed + axial
+                K.slip.add_changes(newton.u, axial)
+            return newton.u, fixed + axial
 
         return respond
 
@@ -326,7 +326,7 @@ class EquilibriumFinder:
 
     def newton(self, load: np.ndarray) -> Newton:
         """Set up Newton's method for the net under a load (n, 3) [N]."""
-        net = net_of(self.state, load, self.slips)
+        net = static_net(self.state, load, self.slips)
         if self._structure is None:
             self._structure = CycleStructure(cache(partial(_lines_of, self.distribution, self.state)))
         return Newton(self.comm, self.halo, self.distribution, net, self._tangent, self._structure)

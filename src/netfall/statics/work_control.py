@@ -27,7 +27,7 @@ from netfall.statics.multigrid.tangent import Tangent
 from netfall.statics.newton import Newton, NoConvergence
 
 
-class Work:
+class WorkControl:
     """Work control of a load (n_owned, 3) [N] that acts in addition to the load of the net.
 
     The displacements count from the positions at construction.
@@ -39,7 +39,7 @@ class Work:
         self.start = newton.net.x[newton.owned].copy()
         self.factor = self.target = 0.0
 
-    def done(self) -> float:
+    def work(self) -> float:
         """Compute the work [J] of the load with factor 1 at the present positions. Collective."""
         (work,) = self.newton.inner_products((self.load, self.newton.net.x[self.newton.owned] - self.start))
         return work
@@ -74,7 +74,7 @@ class Work:
                     break
             return z
 
-        to_target = (self.target - self.done()) / compliance * response
+        to_target = (self.target - self.work()) / compliance * response
         r = r + self.factor * load - newton.stiffness_times(K, to_target)
         s, count = newton.solve(K, without_work, r)
         return to_target + s, factor_change, count
@@ -100,58 +100,58 @@ def limit_load(
     the whole load is carried; and the method in the state at the limit. Raises NoConvergence, StopRequested.
     """
     newton.begin()
-    work, best_positions = Work(newton, load), state.x.copy(order="K")
-    _start_near_limit(newton, state, work, strained)
-    first = work.done()
-    mixed = InteriorPoint(newton, state, stop, work)
+    control, best_positions = WorkControl(newton, load), state.x.copy(order="K")
+    _start_near_limit(newton, state, control, strained)
+    first = control.work()
+    interior_point = InteriorPoint(newton, state, stop, control)
 
     def trial(target: float) -> Trial:
         if target != first:
-            mixed.restart_near_equilibrium()
-        work.target = target
-        mixed.iterate(STEP_SIZES[0], tolerances[0])
-        result = Trial(target, work.factor, strained())
-        if not result.there.reason:
+            interior_point.restart_near_equilibrium()
+        control.target = target
+        interior_point.iterate(STEP_SIZES[0], tolerances[0])
+        result = Trial(target, control.factor, strained())
+        if not result.utilisation.reason:
             best_positions[:] = state.x
         return result
 
     low, high, beyond = UNLOADED, trial(first), NO_UTILISATION
     for _ in range(MOST_STEPS):
-        if high.there.reason or high.factor >= 1.0:
+        if high.utilisation.reason or high.factor >= 1.0:
             break
         low, high = high, trial(2.0 * high.at)
     else:
         raise NoConvergence("no work reaches the limit")
-    if high.there.reason:
+    if high.utilisation.reason:
         low, high = search_limit(trial, low, high, report)
-        beyond = NO_UTILISATION if low.factor >= 1.0 else high.there
+        beyond = NO_UTILISATION if low.factor >= 1.0 else high.utilisation
     else:
         low = high
-    state.x[:], work.target, work.factor = best_positions, low.at, low.factor
+    state.x[:], control.target, control.factor = best_positions, low.at, low.factor
     if beyond is not NO_UTILISATION:
-        mixed.restart_near_equilibrium()
+        interior_point.restart_near_equilibrium()
         try:
-            mixed.iterate(0.0, tolerances[1])
+            interior_point.iterate(0.0, tolerances[1])
         except NoConvergence:  # the estimated errors decide
-            if max(mixed.missing) > tolerances[0]:
+            if max(interior_point.errors) > tolerances[0]:
                 raise
-    return work.factor, beyond, mixed
+    return control.factor, beyond, interior_point
 
 
 def _start_near_limit(
-    newton: Newton, state: State, work: Work, strained: Callable[[], LimitUtilisation]
+    newton: Newton, state: State, control: WorkControl, strained: Callable[[], LimitUtilisation]
 ) -> None:
     """Move the net along its linear response to the load, to within a factor of 2 of its limit.
 
     Raises NoConvergence if no displacement of that shape brackets the limit.
     """
     K, x = newton.tangent(), state.x.copy(order="K")
-    shape, _ = newton.solve(K, newton.cycle(K), work.load)
+    shape, _ = newton.solve(K, newton.cycle(K), control.load)
     newton.set_displacement(shape)
-    (largest,) = newton.largest(newton.spread)
+    (largest,) = newton.largest(newton.u)
     if largest == 0.0:
         raise NoConvergence("the load moves nothing")
-    shape, scale = newton.extent / largest * newton.spread, 1.0
+    shape, scale = newton.extent / largest * newton.u, 1.0
     state.x[:] = x + shape
     factor = 0.5 if strained().reason else 2.0
     for _ in range(MOST_STEPS):

@@ -253,9 +253,9 @@ class Search:
         without a limit point, the state and the result are that equilibrium.
         """
         load_case, state, finder, start = self.load_case, self.state, self.finder, self.start
-        hangs, is_unstable = load_case.kind in HANGING_KINDS, equilibrium.solution.unstable_at >= 0
+        is_mechanism, is_unstable = load_case.kind in HANGING_KINDS, equilibrium.solution.unstable_at >= 0
         has_path = load_case.kind in LIMIT_POINT_KINDS
-        if not has_path or not has_compression(self.comm, state) or (is_unstable and hangs):
+        if not has_path or not has_compression(self.comm, state) or (is_unstable and is_mechanism):
             return None, equilibrium
         before, end, slips = load_case.before or start, save_state(state), finder.slips
         restore_saved(state, start)
@@ -270,7 +270,7 @@ class Search:
             finder.settle_slips()
             return finder.newton(load)
 
-        path = LoadPath(state, newton_at, lambda factor: self.solve(load_at(factor), criterion), hangs)
+        path = LoadPath(state, newton_at, lambda factor: self.solve(load_at(factor), criterion), is_mechanism)
         try:
             limit, x = None, end["x"]
             # the others mostly change little, and their paths take long to follow
@@ -324,11 +324,11 @@ class Search:
         carried, owned = self.load_case.load - missing, missing[: self.state.n_owned]
         newton, tolerances = self.finder.newton(carried), (max(tolerance, ROUGH_TOLERANCE), tolerance)
         try:
-            factor, beyond, mixed = work_control.limit_load(
+            factor, beyond, interior_point = work_control.limit_load(
                 newton, self.state, owned, self.utilisation, tolerances, self.stop, self.say_bracket
             )
             newton = self.finder.newton(carried + factor * missing)
-            solution = newton.solution(mixed.gradients, mixed.missing)
+            solution = newton.solution(interior_point.gradients, interior_point.errors)
         except NoConvergence:
             return None
         if not beyond.reason:
@@ -370,7 +370,7 @@ class Search:
                 equilibrium = self.find(load_at(low.factor))
             except DivergedError:  # the result keeps the estimated error of the trial
                 restore_saved(state, best[1])
-        return low.factor, high.there, equilibrium
+        return low.factor, high.utilisation, equilibrium
 
 
 def yielded(problem: Problem) -> tuple[int, ...]:

@@ -28,9 +28,8 @@ from netfall.statics import messages
 from netfall.statics.bounds import SUBSTITUTE_SHARE
 from netfall.statics.form.densities import force_density_form
 from netfall.statics.form.self_stress import self_stress
-from netfall.statics.form.tensions import Elements, newton_form
-from netfall.statics.relaxation import Net as RelaxedNet
-from netfall.statics.relaxation import Relaxation, largest_force, relax
+from netfall.statics.form.tensions import FormElements, newton_form
+from netfall.statics.relaxation import Relaxation, StaticNet, largest_force, relax
 
 
 @final
@@ -97,7 +96,7 @@ class FormSearch:
             return Form(x, N, 1, residual, reference, stress and stress.states)
         guided = comm.bcast(net is not None and bool(is_guided(net, net.held).any()))
         turned = particles(rotation_column(net, net.held) if net else None) if guided else None
-        elements = Elements(distribution, net, x, settings.modulus_factor, carried, turned)
+        elements = FormElements(distribution, net, x, settings.modulus_factor, carried, turned)
         q, owned_load = elements.densities(), None if carried is None else carried[:n_owned]
         solutions = 0
         if settings.method == "force_density" or settings.start == "force_density":
@@ -105,7 +104,7 @@ class FormSearch:
             x, solutions = particles(linear and linear.x), comm.bcast(linear and linear.solutions)
             elements.q = distribution.elements(linear and linear.force_density)
             q = elements.densities()
-            elements = Elements(distribution, net, x, settings.modulus_factor, carried, turned)
+            elements = FormElements(distribution, net, x, settings.modulus_factor, carried, turned)
             if comm.allreduce(not elements.L_start.all(), MPI.LOR):  # collapsed; the model refuses it
                 return Form(x, elements.T0, solutions, np.nan, np.nan)
         has_densities = settings.method == "force_density"
@@ -121,12 +120,12 @@ class FormSearch:
             return Form(x, N, solutions, residual, reference)
         if start is not None:
             x[:] = start
-        moving = RelaxedNet(x, free, elements.ends, elements.forces, elements.bound, turned=turned)
+        moving = StaticNet(x, free, elements.ends, elements.forces, elements.bound, turned=turned)
         iterations, residual = self._by_tensions(moving, elements, allowed, resume)
         return Form(x, elements.N, iterations, residual, reference)
 
     def _by_tensions(
-        self, moving: RelaxedNet, elements: Elements, allowed: float, resume: Relaxation | None
+        self, moving: StaticNet, elements: FormElements, allowed: float, resume: Relaxation | None
     ) -> tuple[int, float]:
         """Move moving.x to the form; return iterations and the largest residual [N], at most `allowed`.
 
@@ -148,7 +147,7 @@ class FormSearch:
             worst, reason = self._worst_nodes(moving), without_code(str(error))
             raise DivergedError(messages.FORM_NOT_FOUND(reason=reason, nodes=worst)) from None
 
-    def _coincidence_check(self, elements: Elements) -> Callable[[int, float], None]:
+    def _coincidence_check(self, elements: FormElements) -> Callable[[int, float], None]:
         """Return a function that reports, and raises CoincidentNodes if nodes coincide. Collective.
 
         The work of a constant tension is least when its element has zero length. So nodes of an edge cable,
@@ -166,7 +165,7 @@ class FormSearch:
 
         return check
 
-    def _worst_nodes(self, moving: RelaxedNet) -> str:
+    def _worst_nodes(self, moving: StaticNet) -> str:
         """Return the nodes with the largest residuals as text, the same on every rank. Collective."""
         f, n, net = np.zeros_like(moving.x), self.distribution.subdomain.n_owned, self.net
         moving.forces(moving.x, f)

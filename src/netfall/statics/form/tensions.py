@@ -27,7 +27,7 @@ from netfall.statics.relaxation import Paused, initial_relaxation
 ARTIFICIAL_STIFFNESS = (0.1, 0.01, 1e-3, 1e-4)
 
 
-class Elements:
+class FormElements:
     """Form-finding elements of one rank; a cable never pushes."""
 
     def __init__(
@@ -39,7 +39,7 @@ class Elements:
         load: Any = None,
         turned: Any = None,
     ):
-        """load : (n, 3) [N] that the form carries, None: none; turned : as in `relaxation.Net`"""
+        """load : (n, 3) [N] that the form carries, None: none; turned : as in `relaxation.StaticNet`"""
         self.load, self.turned = 0.0 if load is None else np.asfortranarray(load), turned
         self.constant = modulus_factor == 0.0  # whether tensions are constant
 
@@ -87,10 +87,10 @@ def tangent_of_form(elements: Any, x: np.ndarray, share: float = SUBSTITUTE_SHAR
     taut = (elements.N > 0.0) | (elements.bar != 0)
     across = elements.N / np.maximum(elements.L, 1e-300)
     along = share * across if elements.constant else elements.stiffness
-    return tangent_of(elements, x, elements.N, np.where(taut, along, 0.0), across)
+    return tangent_at_forces(elements, x, elements.N, np.where(taut, along, 0.0), across)
 
 
-def tangent_of(elements: Any, x: np.ndarray, N: Any, axial: Any, across: Any) -> Tangent:
+def tangent_at_forces(elements: Any, x: np.ndarray, N: Any, axial: Any, across: Any) -> Tangent:
     """Compute the tangent stiffness at x (n, 3) of axial forces N [N].
 
     axial, across : stiffness along and across the elements [N/m]
@@ -113,7 +113,7 @@ def newton_form(
 ) -> tuple[Any, ...] | None:
     """Move net.x to the form; return conjugate gradient iterations and the largest residual [N]. Collective.
 
-    net : `relaxation.Net`; elements : `Elements`; target_residual : [N]; stop : stop flag
+    elements : `FormElements`; target_residual : [N]; stop : stop flag
 
     Returns None and restores net.x if Newton's method does not apply or does not converge. Raises Paused.
     """
@@ -159,10 +159,10 @@ def _approach_force_densities(newton: Newton, elements: Any) -> int:
     newton.f[:] = elements.load
     add_axial_forces(x, elements.ends, N, elements.L, newton.f)
     r = newton.without_held(newton.f[newton.owned])
-    K = tangent_of(elements, x, N, q, q)
+    K = tangent_at_forces(elements, x, N, q, q)
     s, count = newton.solve(K, newton.cycle(K), r)
     newton.set_displacement(s)
-    x += newton.spread
+    x += newton.u
     return count
 
 
@@ -179,6 +179,6 @@ def _approach_constant_tension(newton: Newton, elements: Any) -> int:
         r, K = newton.residual(), tangent_of_form(elements, newton.net.x, share)
         s, count = newton.solve(K, newton.cycle(K), r)
         total += count
-        if newton.go(s, r) < LARGE_SHARE:
+        if newton.move_along(s, r) < LARGE_SHARE:
             raise NoConvergence("the form of these tensions is nearly undetermined")
     return total

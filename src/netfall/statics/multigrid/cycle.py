@@ -26,7 +26,7 @@ from netfall.statics.multigrid.levels import MAX_DIRECT, build_levels
 from netfall.statics.multigrid.lines import MOST_TOUCHING, Lines, LineSmoother
 from netfall.statics.multigrid.rows import BlockRows, Pattern, row_entries, row_starts
 from netfall.statics.multigrid.tangent import Incidence, Tangent, incidence_of, tangent_rows
-from netfall.statics.relaxation import Net
+from netfall.statics.relaxation import StaticNet
 
 CHEBYSHEV_DEGREE = 4  # of the polynomial before and after each coarser level
 CHEBYSHEV_RANGE = 20.0  # largest eigenvalue over the smallest one that the polynomial damps [-]
@@ -104,11 +104,16 @@ class VCycle:
     """Approximate inverse for rows (n_owned, 3) on each rank."""
 
     def __init__(
-        self, distribution: Distribution, net: Net, K: Tangent, inertia: float, structure: CycleStructure
+        self,
+        distribution: Distribution,
+        net: StaticNet,
+        K: Tangent,
+        inertia: float,
+        structure: CycleStructure,
     ):
         """Set up the levels for a net's tangent, without the effect of compression. Collective.
 
-        net : `relaxation.Net`; inertia : share of the nodal stiffness that is added; structure : data shared
+        inertia : share of the nodal stiffness that is added; structure : data shared
             by the cycles of the net
         """
         comm, d = distribution.comm, distribution.subdomain

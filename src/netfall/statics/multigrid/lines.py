@@ -285,7 +285,7 @@ class LineSmoother:
     """Damped smoother for matrix x = b that adds up the exact solutions of all lines."""
 
     def __init__(self, lines: Lines, matrix: BlockRows, net: Any, K: Tangent):
-        """Factorise the lines of the tangent in `matrix`. Collective. net : `relaxation.Net`"""
+        """Factorise the lines of the tangent in `matrix`. Collective."""
         comm, n, K, own_rows = (
             matrix.comm,
             len(matrix.rows.own_gid),

@@ -13,7 +13,7 @@ from netfall.physics.law.measures import largest_stiffness
 from netfall.physics.state import State
 from netfall.physics.supports import largest_springs
 from netfall.statics.multigrid.rows import BlockRows, Owners, Pattern, blocks_of
-from netfall.statics.relaxation import Net
+from netfall.statics.relaxation import StaticNet
 
 # stiffness over a node's stiffness [-] along a line on which it is held; single precision tolerates it
 GUIDE_STIFFNESS = 1e4
@@ -221,7 +221,7 @@ def with_joints(matrix: Any, K: JointTangent, free: BoolArray, number: np.ndarra
 
 def tangent_rows(
     distribution: Distribution,
-    net: Net,
+    net: StaticNet,
     K: Tangent,
     at: Incidence,
     inertia: float,
@@ -229,7 +229,7 @@ def tangent_rows(
 ) -> BlockRows:
     """Build the tangent as a distributed matrix, without compression. Collective.
 
-    net : `relaxation.Net`; at : of the particles that this rank owns; inertia : share of the nodal stiffness
+    at : of the particles that this rank owns; inertia : share of the nodal stiffness
         that is added; pattern : of an earlier one of the same net
     """
     d, K, inertia_rows = distribution.subdomain, without_compression(K), inertia * K.nodal
