@@ -1,1 +1,1 @@
-"""Static equilibrium: Newton, interior point method, relaxation, limit load, reactions. Knows no job."""
+"""Static equilibrium: Newton, interior point method, relaxation, limit load, reactions, form finding."""
