@@ -105,8 +105,8 @@ def folder(tmp_path, monkeypatch):
 
 
 HOLDS_ITS_TURN = """
-from netfall.driver.compile import turn
-with turn():
+from netfall.driver.compile import one_process_at_a_time
+with one_process_at_a_time():
     print("there", flush=True)
     input()
 """
@@ -122,7 +122,7 @@ def test_one_process_compiles_at_a_time_and_others_do_not_hang(folder, monkeypat
         assert other.stdout.readline() == "there\n"
         for ended in (False, True):
             begin = time.monotonic()
-            with compiling.turn():
+            with compiling.one_process_at_a_time():
                 waited.append(time.monotonic() - begin)
             if not ended:
                 other.communicate("\n")
@@ -131,9 +131,11 @@ def test_one_process_compiles_at_a_time_and_others_do_not_hang(folder, monkeypat
 
 def test_a_compiled_folder_is_marked(folder):
     """For a version of numba and a processor, so that runs need not check all kernels."""
-    assert not compiling.marker().exists()
+    assert not compiling.compiled_marker().exists()
     compiling.compile_all()
-    assert [path for path in folder.iterdir() if path.is_file()] == [compiling.marker()]  # numba has folders
+    assert [path for path in folder.iterdir() if path.is_file()] == [
+        compiling.compiled_marker()
+    ]  # numba has folders
 
 
 def test_compile_needs_a_folder(folder, monkeypatch):

@@ -198,11 +198,11 @@ def compile() -> None:
 
     start_mpi()
     from netfall.core.cache import CACHE_VARIABLE
-    from netfall.driver.compile import compile_all, turn
+    from netfall.driver.compile import compile_all, one_process_at_a_time
 
     folder = os.environ.get(CACHE_VARIABLE, "")
     if not os.access(folder, os.W_OK):
         raise InputError(messages.NO_CACHE_FOLDER(variable=CACHE_VARIABLE))
-    with turn():
+    with one_process_at_a_time():
         compile_all(print_lines)
     print_lines(f"kept in {folder}")

@@ -81,21 +81,24 @@ def compile_all(say: Callable[[str], None] = lambda line: None, stop: StopFlag =
     exchange_rows(np.zeros((0, 3)), np.zeros((0, 3)), buffers_without_neighbours())
     for one in ROUTINES:
         one.address_if(True)
-    marker().touch()
+    compiled_marker().touch()
 
 
 def compile_missing(comm: MPI.Comm, stop: StopFlag = NEVER_STOP) -> None:
     """Let one rank of each node compile missing kernels, until `stop`; the others wait. Collective."""
     node = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    if node.rank == 0 and CACHE_VARIABLE in os.environ and not marker().exists():
-        with contextlib.suppress(Exception), turn():  # if it fails, each rank compiles what it needs
-            if not marker().exists():
+    if node.rank == 0 and CACHE_VARIABLE in os.environ and not compiled_marker().exists():
+        with (
+            contextlib.suppress(Exception),
+            one_process_at_a_time(),
+        ):  # if it fails, each rank compiles what it needs
+            if not compiled_marker().exists():
                 compile_all(stop=stop)
     sleeping_barrier(comm)
     node.Free()
 
 
-def marker() -> Path:
+def compiled_marker() -> Path:
     """Return the path of the file that marks complete compilation by this numba for this processor."""
     host = llvmlite.binding.get_host_cpu_name(), llvmlite.binding.get_host_cpu_features().flatten()
     name = hashlib.sha256(repr((numba.__version__, sys.version, *host)).encode()).hexdigest()[:16]
@@ -103,7 +106,7 @@ def marker() -> Path:
 
 
 @contextlib.contextmanager
-def turn() -> Iterator[None]:
+def one_process_at_a_time() -> Iterator[None]:
     """Let one process at a time run the block; without file locks, all run it at once.
 
     A process waits no longer than COMPILE_PATIENCE.

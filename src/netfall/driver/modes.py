@@ -269,7 +269,7 @@ def mode_lines(job: Job, problem: Problem) -> list[str]:
     model = problem.root_model
     if model.net.m > MAX_CHECK_ELEMENTS:
         return [f"modes: left out, since the net has more than {MAX_CHECK_ELEMENTS} elements"]
-    place, warnings = go_to_equilibrium(job, problem)
+    place, warnings = set_last_equilibrium(job, problem)
     modes = current_modes(problem, MODES)
     if modes is None or not len(modes.period):
         return warnings
@@ -288,7 +288,7 @@ def mode_lines(job: Job, problem: Problem) -> list[str]:
     return lines + (_damping_lines(job, model, modes) if job.dynamics else [])
 
 
-def go_to_equilibrium(job: Job, problem: Problem) -> tuple[str, list[str]]:
+def set_last_equilibrium(job: Job, problem: Problem) -> tuple[str, list[str]]:
     """Bring the state to the last equilibrium of the run, if any; return its name and warnings. One rank.
 
     The full load is applied at once, in contrast to the steps of a run.

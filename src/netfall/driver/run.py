@@ -147,7 +147,7 @@ def run_stages(problem: Problem, context: RunContext) -> dict[str, Outcome]:
 
     The last outcome may have a `failure`: the file then contains the results up to it.
     """
-    outcomes = {FORM: of_form(problem)}
+    outcomes = {FORM: form_outcome(problem)}
     try:
         context.progress.say(*outcomes[FORM].lines)
         register_state(problem, context)
@@ -214,7 +214,7 @@ def register_state(problem: Problem, context: RunContext) -> None:
         restore_state(problem.distribution, problem.state, context.saver.checkpoint)
 
 
-def of_form(problem: Problem) -> Outcome:
+def form_outcome(problem: Problem) -> Outcome:
     """Return the outcome of form finding, targets and stages of erection."""
     warnings, balance = [], None
     if problem.model and problem.form:

@@ -162,13 +162,13 @@ def run_sample(
     except (errors.InputError, errors.DivergedError, errors.OutputError) as error:
         if isinstance(error, errors.OutputError) and comm.size > 1 and not errors.is_on_every_rank(error):
             raise
-        outcomes = _ended(error)
+        outcomes = _outcomes_of_failure(error)
         error.__traceback__ = None  # its frames refer to the error, and to all arrays of the run
     say(progress.warnings)
     return outcomes | {"seconds": time.perf_counter() - begin} if comm.rank == 0 else None
 
 
-def _ended(error: errors.InputError | errors.RunError) -> dict[str, Any]:
+def _outcomes_of_failure(error: errors.InputError | errors.RunError) -> dict[str, Any]:
     """Return the outcomes of a run that ended early. Without an equilibrium the roof fails at 0 s."""
     state = _state_of(error)
     reason = "; ".join(error.lines) if isinstance(error, errors.InputError) else str(error)
@@ -224,7 +224,7 @@ def _run_outcomes(
     if problem.model is None or extremes is None:
         return None
     if accumulator:
-        measured = _of_net(problem.model.net, problem.model.roof.area, extremes, depth)
+        measured = _net_outcomes(problem.model.net, problem.model.roof.area, extremes, depth)
         measured |= {"detached_area": 0.0, "utilisation_before_break": utilisation(problem.model, extremes)}
     else:
         measured = _dynamic_outcomes(problem.model, outcomes[last].result, extremes, depth)
@@ -255,7 +255,7 @@ def _failed_search(problem: Problem, path: statics.StaticPath) -> dict[str, str]
     return {"state": state, "reason": path.failed or "; ".join(reasons[state])}
 
 
-def _of_net(net: Net, area: np.ndarray, extremes: Extremes, depth: float | None) -> dict[str, Any]:
+def _net_outcomes(net: Net, area: np.ndarray, extremes: Extremes, depth: float | None) -> dict[str, Any]:
     """Return the outcomes that every run has. area : (n,) [m2]; depth : [m] of `sunk_area`"""
     strength = np.where(np.isfinite(net.breaking_load), net.breaking_load, net.yield_force)
     has_strength = np.isfinite(strength) & (strength > 0.0)
@@ -306,7 +306,7 @@ def _dynamic_outcomes(
         outcomes["equilibrium_after_removal"] = next((state for state in RESTS if state in states), "")
         outcomes["gusts"] = int(model.wind_field is not None and model.wind_field.varies)
     outcomes |= {"detached_area": detached_area(net, area, failed), "utilisation_before_break": used}
-    return outcomes | _of_net(net, area, extremes, depth)
+    return outcomes | _net_outcomes(net, area, extremes, depth)
 
 
 def utilisation(model: Model, extremes: Extremes) -> float:

@@ -33,8 +33,10 @@ from netfall.physics.law.measures import heated_length
 from netfall.physics.slip.law import set_slipless_lengths
 from netfall.physics.slip.motion import SLIP_STEP_SHARE
 from netfall.physics.stability import Limit
+from netfall.physics.state import State
 from netfall.results.checkpoint import Checkpoint
 from netfall.results.text import bar_length_warnings, form_lines
+from netfall.statics.form.find import Form
 from netfall.statics.form.initial import INITIAL, find_initial_form, restored_form, write_before_stages
 from netfall.statics.relaxation import state_residual
 from netfall.statics.solver import EquilibriumFinder
@@ -131,21 +133,7 @@ def prepare_problem(
         model = on_root(comm, lambda: _make_model(job, layout, x, N, cache))
     with phases.phase("state"):
         state = make_state(distribution, job, model, features)
-        residual = state_residual(comm, state, distribution.particles(model and model.form_load))
-        if form is None:  # the tables may be those of a form that carries its permanent load
-            permanent = distribution.particles(model and model.loading.permanent)
-            residual = min(residual, state_residual(comm, state, permanent))
-        can_move = model and model.net.moves[model.net.elements].any(1)
-        reference = comm.bcast(model and float(np.abs(model.N[can_move]).max(initial=0.0)))
-        if form is not None and job.form_finding:
-            # the prestressed net must also be in equilibrium with the real material
-            tolerance, largest = job.form_finding.tolerance, max(form.reference, reference)
-            if not residual <= 1.001 * tolerance * largest:
-                raise InputError(
-                    messages.TOLERANCE_BELOW_ROUNDING(
-                        path=job.path, tolerance=tolerance, residual=residual, reference=largest
-                    )
-                )
+        residual, reference = _check_form(comm, job, form, model, distribution, state)
     finder = EquilibriumFinder(comm, halo, distribution, state)
     problem = Problem(comm, job, model, distribution, halo, state, finder, form, residual, reference, digest)
     problem = replace(problem, build_up=BuildUp(base=model))
@@ -159,6 +147,30 @@ def prepare_problem(
         limits = _step_limits(problem)
         schedule = job.dynamics and on_root(comm, lambda: schedule_job(job, limits, problem.root_model))
         return replace(problem, limits=limits, schedule=comm.bcast(schedule)), checkpoint
+
+
+def _check_form(
+    comm: MPI.Comm, job: Job, form: Form | None, model: Model | None, distribution: Distribution, state: State
+) -> tuple[float, float]:
+    """Return the largest residual and tension [N] of the prestressed net with the real material. Collective.
+
+    Raises InputError if the residual exceeds the tolerance of form finding.
+    """
+    residual = state_residual(comm, state, distribution.particles(model and model.form_load))
+    if form is None:  # the tables may be those of a form that carries its permanent load
+        permanent = distribution.particles(model and model.loading.permanent)
+        residual = min(residual, state_residual(comm, state, permanent))
+    can_move = model and model.net.moves[model.net.elements].any(1)
+    reference = comm.bcast(model and float(np.abs(model.N[can_move]).max(initial=0.0)))
+    if form is not None and job.form_finding:
+        tolerance, largest = job.form_finding.tolerance, max(form.reference, reference)
+        if not residual <= 1.001 * tolerance * largest:
+            raise InputError(
+                messages.TOLERANCE_BELOW_ROUNDING(
+                    path=job.path, tolerance=tolerance, residual=residual, reference=largest
+                )
+            )
+    return residual, reference
 
 
 def _at_start(problem: Problem) -> Problem:

@@ -322,7 +322,7 @@ def subtract_fragment(p: Integer, mass: float, weight: float, particles: Particl
     particles.load[2, p] += weight
     if particles.valence[p] == 0 and particles.mass[p] < 1e-9 * mass:
         particles.mass[p] = 0.0  # it carried nothing: the remainder is rounding error
-        for k in range(3):  # a load on no mass has no more effect
+        for k in range(3):  # a load on a particle without mass has no effect
             if particles.free[k, p]:
                 particles.v[k, p] = 0.0
     if particles.per_mass[p] != 0.0:

@@ -91,7 +91,7 @@ def transfer_carried(
                 state.air[p] = np.where(state.free[p] != 0, damping_vectors(areas), 0.0)
         if state.mass[p] > 0.0:
             velocity = momentum / state.mass[p]
-            state.v[p] = np.where(state.free[p], velocity, state.v[p])  # fixed axes keep v
+            state.v[p] = np.where(state.free[p], velocity, state.v[p])  # fixed axes keep their velocity
             if state.turned is not None:
                 project_on_guides(state.turned[p : p + 1], state.v[p : p + 1])
         if state.work is not None and state.own(p):

@@ -177,7 +177,7 @@ class InteriorPoint:
         elif newton.net.is_unbounded is not None and newton.net.is_unbounded(newton.comm, newton.u):
             raise UnboundedDisplacement(messages.UNBOUNDED_YIELDING())
         size = max(displacement, changed)
-        # what is left if step sizes go on to decrease at the same rate, at least the step itself
+        # the distance that remains if step sizes decrease at the same rate, at least the step itself
         rate = size / self.size if self.size else np.inf
         share_left = 1.0 - step_share + (max(1.0, rate / (1.0 - rate)) if rate < 1.0 else np.inf)
         displacement_error, tension_error = (

@@ -348,7 +348,7 @@ class Newton:
         distance = self.net.x[self.owned] - start[self.owned] + s
         displacement, tension = self.relative_changes(s, distance, change, K.N)
         (farthest,) = self.largest(lengths(distance))
-        # rounded forces move a net by that share of its size: of such a distance no share is meaningful
+        # rounded forces alone move a net so far: relative to such a distance no displacement is meaningful
         if farthest <= SUBSTITUTE_SHARE * self.extent and farthest <= self.rounding(K) * self.extent:
             displacement = 0.0
         return displacement, tension, change
@@ -370,10 +370,10 @@ class Newton:
         if not self.comm.allreduce(K.is_softened, MPI.LOR):
             return None
         number = 3 * self.distribution.subdomain.particle_gid[self.owned, None] + np.arange(3)
-        present = self.moves & (K.nodal[self.owned, None] > 0.0)  # without what has left the net
+        present = self.moves & (K.nodal[self.owned, None] > 0.0)  # without nodes that have left the net
         r = self.without_held(np.where(present, pseudo_random(number), 0.0))
         shape = None
-        # second: decides if nodes of slack cables or of a mechanism have no stiffness
+        # the second pair decides if nodes of slack cables or of a mechanism have no stiffness
         for matrix_inertia, cycle_inertia in ((0.0, 0.0), (SUM_ROUNDING, SUBSTITUTE_SHARE)):
             try:
                 self.inertia = cycle_inertia

@@ -49,9 +49,11 @@ class DetachedParts:
         self.comm, self.distribution, self.model = problem.comm, problem.distribution, model
         self.dt, self.step_at = problem.dynamic_schedule.dt, problem.dynamic_schedule.step_at
         self.ends_wind = job.wind is not None and job.wind.after_fracture == "detached"
-        self.least = problem.comm.bcast(model and MIN_MASS * float(model.own_mass[model.net.moves].sum()))
+        self.least_mass = problem.comm.bcast(
+            model and MIN_MASS * float(model.own_mass[model.net.moves].sum())
+        )
         self.part = np.full(problem.state.first_split, ATTACHED)
-        self.large = np.zeros(0, np.int64)  # the lowest particle of each part that is followed
+        self.followed = np.zeros(0, np.int64)  # the lowest particle of each followed part
         self.evaluated, self.broken = -1, 0
         # time, lowest particle, mass, velocity of each, at each evaluation
         self.rows: list[tuple[Any, ...]] = []
@@ -69,15 +71,15 @@ class DetachedParts:
         return count != before
 
     @property
-    def follows(self) -> bool:
+    def follows_any(self) -> bool:
         """Whether any part is followed."""
-        return len(self.large) > 0
+        return len(self.followed) > 0
 
     def update_state(self, state: State) -> bool:
         """Mark the detached parts in the state; return whether the wind on new parts ended. Collective."""
         parts = self._parts(state)
         self.part = self.distribution.particles(parts and parts[0])
-        self.large = self.comm.bcast(parts and parts[1])
+        self.followed = self.comm.bcast(parts and parts[1])
         first, is_detached = state.first_split, (self.part != ATTACHED).astype(np.uint8)
         new = np.flatnonzero(is_detached & (state.detached[:first] == 0))
         state.detached[:first] = is_detached
@@ -97,7 +99,7 @@ class DetachedParts:
         label = connected_parts(net.elements[broken == 0], net.n)
         supported = part_is_supported(net, label)
         part_mass = np.bincount(label, mass, net.n)
-        large = np.flatnonzero(~supported & (part_mass > self.least))
+        large = np.flatnonzero(~supported & (part_mass > self.least_mass))
         number = np.zeros(net.n, np.int64)
         number[large] = 1 + np.arange(len(large))
         return np.where(supported, ATTACHED, number[label]), large
@@ -111,11 +113,11 @@ class DetachedParts:
     def record_parts(self, state: State, step: int) -> None:
         """Record mass and velocity of the followed parts at a step, the last evaluation. Collective."""
         self.evaluated = step
-        if not self.follows:
+        if not self.follows_any:
             return
         rows = state.owned_rows()
         part = np.concatenate([self.part[: state.n_owned], self._part_of_splits(state)])
-        for k, lowest in enumerate(self.large.tolist(), 1):
+        for k, lowest in enumerate(self.followed.tolist(), 1):
             part_rows = rows[part == k]
             mass = state.mass[part_rows]
             total, *momentum = exact_sums(self.comm, mass, *(mass * state.v[part_rows].T))
@@ -172,7 +174,7 @@ class Corners(NamedTuple):
         """Return the corners of some rows."""
         return Corners(*(column[rows] for column in self))
 
-    def passed(self, receiver: int, share: float) -> "Corners":
+    def moved_to(self, receiver: int, share: float) -> "Corners":
         """Return a share of the corners, moved to another node."""
         node = np.full(len(self.node), receiver)
         return Corners(self.panel, node, *(share * carried for carried in self[2:]))
@@ -235,6 +237,6 @@ class PanelTearing:
         ):
             corners = all_leaving.at(order[all_leaving.node[order] == redistribution.particles[source]])
             if receiver in self.owned:
-                kept_corners.append(corners.passed(receiver, share))
+                kept_corners.append(corners.moved_to(receiver, share))
         self.corners = Corners(*(np.concatenate(columns) for columns in zip(*kept_corners)))
         self.row = rows_of(self.owned, self.corners.node)

@@ -309,7 +309,7 @@ class Simulation(Stepper):
             removed = self.removal.done if self.removal else 0
             logged = self.comm.allreduce(self.plan.event_count)
             has_changed = self.detaching.has_changed(len(self.log) + logged + removed)
-            if has_changed or self.detaching.follows:
+            if has_changed or self.detaching.follows_any:
                 self.plan.collect()
             if has_changed:
                 self.make_row()  # row of the earlier state, independent of targets

@@ -83,7 +83,7 @@ class MemberRemoval:
         removal.remove_elements(state, rows[rows >= 0], since[rows >= 0])
         end_rows = rows_of(gid, loss.ends.T.ravel())
         for kind, time_missing in (removal.INTERNAL, missing[:, :1]), (removal.EXTERNAL, missing[:, 1:]):
-            impulse = time_missing * force  # on the starts
+            impulse = time_missing * force  # on the start nodes
             impulses = np.concatenate([impulse, -impulse])[end_rows >= 0]
             removal.apply_impulses(state, end_rows[end_rows >= 0], impulses, kind)
         self._transfer_carried(state, redistribution)

@@ -172,7 +172,7 @@ class OutcomeReport:
                 self.lines += warning_text.dynamic_limit_warnings_of(f)
                 self.lines += warning_text.overload_warnings_of(f)
             strain, time, element = self._most_strained
-            if element >= 0:  # strained more than any cable can be
+            if element >= 0:  # a strain that no real cable reaches
                 name, limit = self._model.element_name(element), REPORTED_STRAIN
                 at = "" if np.isnan(time) else f" at t = {time:.4g} s"
                 self.lines.append(messages.LARGE_STRAIN(element=name, strain=strain, at=at, limit=limit))

@@ -248,7 +248,7 @@ def record_outcome(
         numbers["rounding"] = rounding
     if state.slip is not None:
         numbers["stopped"] = equilibrium.stopped
-    # a state without an equilibrium balances less than the whole load
+    # without an equilibrium, the state balances only a part of the load
     reaction, load = balance.reaction, balance.load
     if not outcome.carries:
         reaction, load = np.full_like(reaction, np.nan), load_case.load[snapshot.rows]

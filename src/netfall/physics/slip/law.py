@@ -186,7 +186,7 @@ def slip_followers(
     slides : `geometry.slip_points.SlidingCables`; elements : (m, 2); fixed : (n, 3) bool; mass : (n,) [kg]
     """
     before, after = slides.segment[slides.before], slides.segment[slides.after]
-    first = np.append(True, before[1:] != after[:-1])  # False: the chain goes on
+    first = np.append(True, before[1:] != after[:-1])  # False: the chain continues
     begin = np.flatnonzero(first)
     chain, last = np.cumsum(first) - 1, np.append(begin[1:], len(before)) - 1
     station = 2 * np.arange(len(before)) + chain + 1  # a chain has one segment more than slip points

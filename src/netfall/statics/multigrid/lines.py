@@ -54,12 +54,13 @@ class Lines(NamedTuple):
 def pair_elements(at: Incidence, ends: IntArray, x: FloatArray, free: BoolArray, other: IntArray) -> None:
     """Fill other (m, 2) with the element in which the line continues beyond each end, -1: the line ends.
 
-    at : `Incidence` of all particles; ends : (m, 2); x : (n, 3) [m]; free : (n, 3) The straightest pair of
-        elements at a particle forms one line, then the straightest pair of the others.
+    at : `Incidence` of all particles; ends : (m, 2); x : (n, 3) [m]; free : (n, 3)
+
+    The straightest pair of elements at a particle forms one line, then the straightest pair of the others.
     """
     for p in range(x.shape[0]):
         first, end = at.start[p], at.start[p + 1]
-        # of more elements no two form a line: too many lines would touch each of them
+        # if more elements meet here, no two form a line: too many lines would touch each of them
         if end - first > 2 * (MOST_TOUCHING + 1) or not (free[p, 0] or free[p, 1] or free[p, 2]):
             continue
         for _ in range((end - first) // 2):
