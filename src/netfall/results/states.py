@@ -221,21 +221,23 @@ def group_equilibria(f: Any, name: str) -> Iterator[StateView]:
         yield _state(group, f"{words}, {load}{reached}", name, x, row)
 
 
+def element_property(f: Any, name: str, default: float) -> np.ndarray:
+    """Return a property (m,) of the elements in /net; default : its value if the file lacks it."""
+    return f["net"][name][:] if name in f["net"] else np.full(len(f["net/elements"]), default)
+
+
 def force_caps(f: Any) -> ForceLimits:
     """Return the yield and buckling forces (m,) [N] with random strengths, and Euler loads of other bars."""
-    net, m = f["net"], len(f["net/elements"])
-    random_factor = net["strength"][:] if "strength" in net else 1.0
-    yield_force = random_factor * net["yield_force"][:] if "yield_force" in net else np.full(m, np.inf)
-    load = net["euler_load"][:] if "euler_load" in net else np.full(m, np.nan)
-    buckling, bending = (net[law][:] == 1 if law in net else None for law in ("buckling", "bending"))
+    yield_force = element_property(f, "strength", 1.0) * element_property(f, "yield_force", np.inf)
+    load = element_property(f, "euler_load", np.nan)
+    buckling, bending = (element_property(f, law, 0) == 1 for law in ("buckling", "bending"))
     return measures.caps_of(yield_force, load, buckling, bending)
 
 
 def breaking_forces(f: Any) -> np.ndarray:
     """Return the axial forces (m,) [N] at which elastic elements break, with random strengths; inf: none."""
-    net = f["net"]
-    strain = net["fracture_strain"][:] if "fracture_strain" in net else np.full(len(net["elements"]), np.inf)
-    return net["axial_stiffness"][:] * strain * (net["strength"][:] if "strength" in net else 1.0)
+    strain = element_property(f, "fracture_strain", np.inf)
+    return f["net/axial_stiffness"][:] * strain * element_property(f, "strength", 1.0)
 
 
 def yielded_elements(f: Any) -> np.ndarray:

@@ -34,8 +34,9 @@ from netfall.job.keys.models import Cable
 from netfall.job.validate import Validator
 from netfall.job.values import counted
 from netfall.post import messages
+from netfall.results import states
 from netfall.results.file import read_job_tables
-from netfall.results.states import Envelope, StateView, equilibria, form_position, largest_over_stages
+from netfall.results.states import Envelope, StateView, element_property, form_position
 
 NEGLIGIBLE = 1e-6  # compression over Euler load or largest force [-]; smaller compressions are rounding
 NEGLIGIBLE_MOMENT = 1e-9  # share of the largest moment; smaller moments in a plane are rounding
@@ -65,7 +66,7 @@ def bar_columns(f: h5py.File) -> dict[str, np.ndarray]:
     if "second_moment" not in f["net"]:
         return {}
     N_cr = f["net/euler_load"][:]
-    N_y = f["net/yield_force"][:] if "yield_force" in f["net"] else np.full(len(N_cr), np.inf)
+    N_y = element_property(f, "yield_force", np.inf)
     slender = np.where(np.isfinite(N_y), slenderness(N_y, N_cr), np.nan)
     return {
         "buckling_length": np.where(np.isnan(N_cr), np.nan, f["net/buckling_length"][:]),
@@ -90,8 +91,8 @@ def bar_strengths(f: h5py.File) -> dict[str, np.ndarray]:
     bars, none = bar_columns(f), np.full(len(f["net/elements"]), np.inf)
     if not bars:
         return {"buckling": none, "euler_load": none}
-    yields = f["net/yield_force"][:] if "yield_force" in f["net"] else none
-    strengths = {"buckling": bars["chi"] * yields, "euler_load": bars["euler_load"]}
+    N_y = element_property(f, "yield_force", np.inf)
+    strengths = {"buckling": bars["chi"] * N_y, "euler_load": bars["euler_load"]}
     is_unknown = is_bending(f) & np.isnan(cable_keys(f, "buckling_length")[0])
     return {name: np.where(np.isnan(N) | is_unknown, np.inf, N) for name, N in strengths.items()}
 
@@ -122,7 +123,7 @@ def cable_keys(f: h5py.File, *keys: str) -> list[np.ndarray]:
 
 def is_bending(f: h5py.File) -> np.ndarray:
     """Select the bars (m,) of bending chains."""
-    return f["net/bending"][:] == 1 if "bending" in f["net"] else np.zeros(len(f["net/elements"]), bool)
+    return element_property(f, "bending", 0) == 1
 
 
 def bending_strengths(f: h5py.File) -> dict[str, np.ndarray]:
@@ -136,7 +137,7 @@ def bending_strengths(f: h5py.File) -> dict[str, np.ndarray]:
     has_none = np.isnan(W) | (f["net/bar"][:] == 0)
     if has_none.all():
         return dict.fromkeys(("section", "member", "moment"), none)
-    N_y = f["net/yield_force"][:] if "yield_force" in f["net"] else none
+    N_y = element_property(f, "yield_force", np.inf)
     N = np.where(has_none, np.inf, np.fmin(A * strength, N_y))
     N_cr = bar_strengths(f)["euler_load"]
     has_length, plastic = np.isfinite(N) & np.isfinite(N_cr), np.where(np.isfinite(N_y), N_y, N)
@@ -153,7 +154,7 @@ def moment_columns(envelope: Envelope) -> dict[str, np.ndarray]:
 
     An element without a moment has nan. The table is empty without bending.
     """
-    largest, of = largest_over_stages(envelope.moment)
+    largest, of = states.largest_over_stages(envelope.moment)
     if np.isnan(largest).all():
         return {}
     names = np.where(np.isnan(largest), "", np.array(envelope.names, object)[of])
@@ -299,7 +300,7 @@ def moment_table(f: h5py.File) -> dict[str, np.ndarray]:
     node, blocks = f["net/node_id"][:][f["net/elements"][:]], []
     rows = np.flatnonzero(is_concrete(f) | is_bending(f))
     group = f["net/group_names"].asstr()[:].astype(object)[f["net/group"][:]]
-    for state in equilibria(f):
+    for state in states.equilibria(f):
         parts = plane_moments(f, state)[rows].reshape(-1, 2)
         blocks.append(
             {

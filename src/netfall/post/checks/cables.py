@@ -180,8 +180,7 @@ def element_types(f: h5py.File) -> np.ndarray:
 
 def tensile_strengths(f: h5py.File) -> dict[str, np.ndarray]:
     """Return the tensile strengths (m,) [N] by name, as given; inf: none."""
-    none = np.full(len(f["net/elements"]), np.inf)
-    return {name: f["net"][name][:] if name in f["net"] else none for name in IN_TENSION}
+    return {name: states.element_property(f, name, np.inf) for name in IN_TENSION}
 
 
 def element_resistances(f: h5py.File, checks: list[Check]) -> list[np.ndarray]:
@@ -211,7 +210,7 @@ def check_elements(
     breaking, overloaded = states.breaking_forces(f), states.at_limit_in_permanent_state(f)
     is_motion = np.array([name == states.DYNAMIC_STAGE for name in envelope.names])
     failed = ~np.isnan(losses.fracture_times(f)) | states.yielded_elements(f)  # the history rows can miss it
-    buckles = f["net/buckling"][:] == 1 if "buckling" in f["net"] else np.zeros(len(breaking), bool)
+    buckles = states.element_property(f, "buckling", 0) == 1
     checked, bends, rows = [], np.isfinite(envelope.moment).any(axis=0), np.arange(len(caps.yielding))
     has_none = np.isinf(np.minimum.reduce(list(tensile_strengths(f).values())))
     for check, resistance in checks:
