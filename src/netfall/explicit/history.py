@@ -18,8 +18,8 @@ from netfall.parallel.sums import LIMBS, round_over_ranks
 from netfall.physics.fields import Features
 from netfall.physics.state import State
 
-# steps: a motion from rest has an error of up to 2.5 / n^2 of its energy after n steps, as works of a row
-# count dt^2 a / 8 beyond its position
+# steps n after which the balance error of a motion from rest is at most 2.5 / n^2 = 1e-3 of its energy: the
+# work of a row includes that on the way dt^2 a / 8 beyond its position
 START_STEPS = 50
 NEGLIGIBLE_ENERGY = 1e-4  # of the initial stored energy, the smallest reference of errors
 ROUNDING_FACTOR = 4e3  # smallest reference over the rounding error: four such errors are 1e-3 of it (W735)
