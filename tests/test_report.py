@@ -143,6 +143,15 @@ def test_the_report_names_governing_stages_and_slack_cables(loaded):
     assert "| e13 | lower | statics, load factor 1 |" in text and "EN 1993-1-11:2006" in text
 
 
+def test_the_report_states_the_sections_of_groups_and_the_digest_of_the_job(loaded):
+    """EA = 195 GPa x 683.08 mm2, 7850 kg/m3; the upper cables break at 240 kN, the lower one never."""
+    page = (report_of(loaded) / "summary.md").read_text()
+    assert "| upper |  | cable | 2 | 133201 | 5.36218 | 240 |" in page
+    assert "| lower |  | cable | 1 | 133201 | 5.36218 |  |" in page
+    with h5py.File(loaded / "result.vtkhdf") as f:
+        assert f"\nDigest of the job and its net: {f['provenance'].attrs['job_digest'][:16]}.\n" in page
+
+
 def test_a_state_without_forces_has_no_slack_cables(workshop):
     """Without prestress and permanent loads no cable counts as slack until loads of nodes.csv act."""
     workshop.solve(STATICS, NODES, ELEMENTS.format(re.sub(r"[0-9.]+e3,(.*)", r"0,\1", ROWS))).close()

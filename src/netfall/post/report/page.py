@@ -14,7 +14,16 @@ from netfall.post.checks.cables import PASSES, Cutting, ElementCheck, element_gr
 from netfall.post.checks.ends import end_weights
 from netfall.post.checks.nodes import FRICTION_SAFETY
 from netfall.post.report import markdown as md
-from netfall.post.report.sections import at_limits, bending, cases, checks, concrete, limits, most_used
+from netfall.post.report.sections import (
+    at_limits,
+    bending,
+    cases,
+    checks,
+    concrete,
+    groups,
+    limits,
+    most_used,
+)
 from netfall.results import file, losses, states, warning_text
 from netfall.results.datasets import UNDECIDED
 from netfall.results.file import read_cases
@@ -74,6 +83,7 @@ def summary(
     remarks = map(md.item, [*map(md.bold, warnings), *file.notes_of_run(f)])
     sections = {
         "Warnings and notes": [f"{warning_count(warnings)}.", "", *remarks],
+        "Groups": groups(f),
         "Cases and combinations": all_cases and cases(f, all_cases, tables["cases.csv"]),
         "Checks": checks(f, envelope, checked, tables["checks.csv"]),
         "Elements at a limit": at_limits(f),
@@ -103,11 +113,11 @@ def _not_passed(table: dict[str, np.ndarray], limit_lines: list[str]) -> list[st
 
     table : see `group_columns`; limit_lines : of the section on limits
     """
-    groups: dict[str, list[str]] = {}
+    failed: dict[str, list[str]] = {}
     for check, result, group in zip(table["check"], table["result"], table["group"]):
         if result not in ("", PASSES):
-            groups.setdefault(f"{check} {result}", []).append(group or "no group")
-    texts = [f"{result} ({format_list(names)})" for result, names in groups.items()]
+            failed.setdefault(f"{check} {result}", []).append(group or "no group")
+    texts = [f"{result} ({format_list(names)})" for result, names in failed.items()]
     texts += ["limits in service FAIL"] * any(md.bold("FAILS") in line for line in limit_lines)
     return [md.bold(f"Not passed: {'; '.join(texts)}.")] if texts else []
 
@@ -120,6 +130,7 @@ def _run_lines(f: h5py.File, result: Path, verdict: list[str]) -> list[str]:
         f"{len(f['net/particles'])} particles, {count_of(len(f['net/elements']), 'element')} in "
         f"{count_of(len(f['net/cable_names']), 'cable')}. Ids are those of the tables; "
         "forces are positive in tension.",
+        f"Digest of the job and its net: {p['job_digest'][:16]}.",
     ]
     failed = [path for path in states.equilibrium_groups(f) if states.no_equilibrium(f[path])]
     if overrides:

@@ -34,6 +34,13 @@ ERECTION = (
     "Loads in stages of erection count as the job gives them, without partial factors. For the tension of "
     "cables under such loads EN 1993-1-11, 7.2 recommends at most 0.55 F_uk."
 )
+GROUP_COLUMNS = {  # heading in tables: dataset of /net and its unit
+    "EA [kN]": ("axial_stiffness", 1e3),
+    "mass [kg/m]": ("mass_per_length", 1.0),
+    "breaking force [kN]": ("breaking_load", 1e3),
+    "yield force [kN]": ("yield_force", 1e3),
+    "second moment [cm4]": ("second_moment", 1e-8),
+}
 ACTION_KEYS = ("self_weight", "load_table", *CASE_LOAD_KEYS, *CASE_WIND_KEYS)  # of [load] and [wind]
 SHOWN_ROWS = 10  # number of rows of the most used elements, and of named stages
 
@@ -100,6 +107,21 @@ def _settings(title: str, values: dict[str, object]) -> md.Markup:
         for name, value in values.items()
     ]
     return md.item(f"{title}: {', '.join(texts) or 'nothing'}")
+
+
+def groups(f: h5py.File) -> list[str]:
+    """Return the table of the stiffness, mass and strength of each group and type, without random draws."""
+    names, types, net = cables.element_groups(f), cables.element_types(f), f["net"]
+    columns = {title: net[name][:] / unit for title, (name, unit) in GROUP_COLUMNS.items() if name in net}
+    lines = []
+    for group, kind in dict.fromkeys(zip(names, types)):
+        rows = (names == group) & (types == kind)
+        lines.append([group or "(none)", kind, "bar" if net["bar"][:][rows].all() else "cable"])
+        lines[-1] += [len(np.unique(net["element_id"][:][rows]))]
+        for values in (column[rows][np.isfinite(column[rows])] for column in columns.values()):
+            ends = [f"{value:.6g}" for value in (values.min(), values.max())] if len(values) else []
+            lines[-1].append(" to ".join(dict.fromkeys(ends)))
+    return md.as_table(["group", "type", "kind", "elements", *columns], lines)
 
 
 def checks(
