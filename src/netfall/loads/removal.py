@@ -135,7 +135,7 @@ def _shares(p: int, ends: dict[Any, Any], loose: np.ndarray, on_way: set[Any]) -
 
 
 @dataclass(frozen=True)
-class Loss:
+class RemovalStep:
     """Members removed before one step, in global numbers.
 
     step : number of the step, the removal happens at x(step); entries : of [[remove]], from 0
@@ -215,7 +215,7 @@ def superposed_excitation_notes(job: Job, varies: bool) -> Iterator[str]:
         yield messages.RAMP_WITH_REMOVAL(time=first, ramp=job.load.ramp)
 
 
-def make_removals(job: Job, model: Any, schedule: Any) -> list[Loss]:
+def make_removals(job: Job, model: Any, schedule: Any) -> list[RemovalStep]:
     """Return the removals of the dynamic stage, step by step, up to its end. Rank 0.
 
     model : `model.Model`; schedule : `schedule.Schedule`. An element is removed once, by the first entry.
@@ -224,7 +224,7 @@ def make_removals(job: Job, model: Any, schedule: Any) -> list[Loss]:
     end, times = job.dynamics.duration, [entry.time for entry in job.removes]
     steps = [min(schedule.step_at(time), last) if time < end else schedule.steps for time in times]
     present = model.net.is_there
-    losses = []
+    removals = []
     for step in sorted(s for s in set(steps) if s < schedule.steps):
         entries = tuple(k for k, s in enumerate(steps) if s == step)
         entry = np.full(model.net.m, -1)
@@ -234,10 +234,12 @@ def make_removals(job: Job, model: Any, schedule: Any) -> list[Loss]:
         if not len(elements):  # an earlier entry removed all of them
             continue
         present[elements] = False
-        particles, handed = particles_removed_with(model, elements, present)
+        particles, redistribution = particles_removed_with(model, elements, present)
         ends = model.net.elements[elements]
-        losses.append(Loss(step, entries, elements, entry[elements], ends, particles, handed))
-    return losses
+        removals.append(
+            RemovalStep(step, entries, elements, entry[elements], ends, particles, redistribution)
+        )
+    return removals
 
 
 def particles_removed_with(
@@ -259,13 +261,13 @@ def particles_removed_with(
 
 
 def particles_removed_after_breaks(
-    model: Any, losses: list[Loss], k: int, torn: Any
+    model: Any, removals: list[RemovalStep], k: int, torn: Any
 ) -> tuple[np.ndarray, Redistribution]:
     """Return `particles_removed_with` for removal k, before which the elements `torn` broke. Rank 0."""
     present = model.net.is_there
-    for loss in losses[: k + 1]:
-        present[loss.elements] = False
-    return particles_removed_with(model, losses[k].elements, present, torn)
+    for removed in removals[: k + 1]:
+        present[removed.elements] = False
+    return particles_removed_with(model, removals[k].elements, present, torn)
 
 
 def is_unsupported(net: Net, there: np.ndarray, load: np.ndarray, gone: np.ndarray) -> bool:

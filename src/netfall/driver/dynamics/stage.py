@@ -51,10 +51,10 @@ def required(job: Job) -> bool:
 
 def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outcome:
     """Run the dynamic stage; result : the `Simulation`. Collective. outcomes : of earlier stages, by name"""
-    losses, state, schedule = planned_removals(problem), problem.state, problem.dynamic_schedule
+    removals, state, schedule = planned_removals(problem), problem.state, problem.dynamic_schedule
     removal = start = None
     if problem.job.removes:
-        removal = MemberRemoval(problem, losses, outcomes[removal_equilibria.NAME].result, context.log)
+        removal = MemberRemoval(problem, removals, outcomes[removal_equilibria.NAME].result, context.log)
     with context.phases.phase("wind"):
         loads = [*varying_loads(problem), *(removal.fades.values() if removal else ())]
     context.progress.say(f"dynamics: {problem.dynamics.duration:g} s in {describe_steps(schedule)}")
@@ -185,8 +185,8 @@ class Simulation(Stepper):
     def run(self) -> None:
         """Step from the present step to the last. Raises Interrupted, with a checkpoint, at a stop signal."""
         frames, saves = (set(steps.tolist()) for steps in (self.schedule.frames, self.schedule.checkpoints))
-        losses = {loss.step for loss in self.removal.losses} if self.removal else set()
-        targets = frames | saves | losses | {0, self.schedule.steps}
+        removals = {removed.step for removed in self.removal.removals} if self.removal else set()
+        targets = frames | saves | removals | {0, self.schedule.steps}
         self.progress.start(self.n / self.schedule.steps, self.n)
         for target in sorted(targets):
             if target < self.n or (target == self.n and len(self.history)):

@@ -15,7 +15,7 @@ from netfall.driver.statics.stage import most_displaced_particle
 from netfall.job.derived import permanent_weight_factor
 from netfall.job.job import Job
 from netfall.job.values import format_list
-from netfall.loads.removal import Loss, is_unsupported, make_removals
+from netfall.loads.removal import RemovalStep, is_unsupported, make_removals
 from netfall.model.actions import StaticLoad
 from netfall.model.model import Model
 from netfall.physics.fields import FIELDS
@@ -97,24 +97,26 @@ def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outc
     from the initial state of the dynamic stage, with the removals so far. All constant loads and the mean
     wind act. The state is restored at the end.
     """
-    losses = planned_removals(problem)
-    if context.saver.is_completed(NAME) or not losses:
+    removals = planned_removals(problem)
+    if context.saver.is_completed(NAME) or not removals:
         return Outcome()
     with context.phases.phase("statics"):
-        return Outcome(find_removal_equilibria(problem, context, losses))
+        return Outcome(find_removal_equilibria(problem, context, removals))
 
 
-def planned_removals(problem: Problem) -> list[Loss]:
+def planned_removals(problem: Problem) -> list[RemovalStep]:
     """List the member removals of the dynamic stage, on every rank. Collective."""
     if not required(problem.job):
         return []
     return problem.comm.bcast(problem.model and make_removals(problem.job, problem.model, problem.schedule))
 
 
-def find_removal_equilibria(problem: Problem, context: RunContext, losses: list[Loss]) -> RemovalEquilibria:
+def find_removal_equilibria(
+    problem: Problem, context: RunContext, removals: list[RemovalStep]
+) -> RemovalEquilibria:
     """Compute the result of `run`. Collective."""
     state, distribution, model = problem.state, problem.distribution, problem.model
-    loads, unsupported = loads_after_removals(model, losses) if model else ([], [])
+    loads, unsupported = loads_after_removals(model, removals) if model else ([], [])
     unsupported, start = problem.comm.bcast(unsupported), save_state(state)
     first_load = distribution.particles(loads[0] if loads else None)
     reference = reference_force(problem, StaticLoad("removal", "", first_load))
@@ -125,21 +127,21 @@ def find_removal_equilibria(problem: Problem, context: RunContext, losses: list[
     if record is not None:  # an earlier run was interrupted in this stage
         search.restore(problem, *record)
         resume = resumed_relaxation(distribution, context.saver)
-    removed = np.zeros(0, np.int64)  # rows of the elements removed so far
-    for k, (loss, is_loose) in enumerate(zip(losses, unsupported)):
-        rows = rows_of(distribution.subdomain.element_gid, loss.elements)
-        removed = np.concatenate([removed, rows[rows >= 0]])
+    removed_rows = np.zeros(0, np.int64)  # of the elements removed so far
+    for k, (removed, is_loose) in enumerate(zip(removals, unsupported)):
+        rows = rows_of(distribution.subdomain.element_gid, removed.elements)
+        removed_rows = np.concatenate([removed_rows, rows[rows >= 0]])
         if k < len(search.outcomes):
             continue
         restore_saved(state, search.best)
         load = distribution.particles(loads[k + 1] if loads else None)
-        title = f"the net without {removed_names(problem.job, loss)}"
+        title = f"the net without {removed_names(problem.job, removed)}"
         tension, outcome = np.full((state.m, 2), np.nan), RemovalOutcome(NO_EQUILIBRIUM)
         lines = [messages.UNSUPPORTED_WITHOUT_MEMBERS(what=title)]
         if not is_loose:
             load_case = StaticLoad("removal", title, load, 1.0, weights=permanent_weight_factor(problem.job))
             try:
-                with problem.finder.without_elements(removed):
+                with problem.finder.without_elements(removed_rows):
                     tension, outcome, lines, iterations = _removal_equilibrium(
                         problem, load_case, reference, context.stop, resume
                     )
@@ -158,7 +160,7 @@ def find_removal_equilibria(problem: Problem, context: RunContext, losses: list[
             state.x - state.x_start if has_equilibrium else np.nan * state.x
         )
         if moved is not None:
-            moved[np.concatenate([each.particles for each in losses[: k + 1]])] = np.nan
+            moved[np.concatenate([each.particles for each in removals[: k + 1]])] = np.nan
         search.displacement.append(moved)
     restore_saved(state, start)
     return search
@@ -210,7 +212,7 @@ def _forces_and_moments(state: State, N: np.ndarray) -> np.ndarray:
     return np.column_stack([N, moment])
 
 
-def loads_after_removals(model: Model, losses: list[Loss]) -> tuple[list[np.ndarray], list[bool]]:
+def loads_after_removals(model: Model, removals: list[RemovalStep]) -> tuple[list[np.ndarray], list[bool]]:
     """Compute the loads without gusts, (n, 3) [N], before any member removal and after each. Rank 0.
 
     The second result is whether a part of the net is unsupported after each removal.
@@ -226,21 +228,21 @@ def loads_after_removals(model: Model, losses: list[Loss]) -> tuple[list[np.ndar
 
     totals, unsupported = [total()], []
     is_present, is_removed = net.is_there, np.zeros(net.n, bool)
-    for loss in losses:
+    for removed in removals:
         for values in (constant, wind):
             if values is not None:
-                loss.redistribution.move(values, np.arange(net.n))
-                values[loss.particles] = 0.0
+                removed.redistribution.move(values, np.arange(net.n))
+                values[removed.particles] = 0.0
         totals.append(total())
-        is_present[loss.elements], is_removed[loss.particles] = False, True
+        is_present[removed.elements], is_removed[removed.particles] = False, True
         unsupported.append(is_unsupported(net, is_present, totals[-1], is_removed))
     return totals, unsupported
 
 
-def removed_names(job: Job, loss: Loss) -> str:
+def removed_names(job: Job, removed: RemovalStep) -> str:
     """Return the name of the removed members in the job."""
     names = []
-    for k in loss.entries:
+    for k in removed.entries:
         entry = job.removes[k]
         for key, value in (("element", entry.elements), ("cable", entry.cables)):
             if value is not None:

@@ -17,7 +17,7 @@ from netfall.core.arrays import rows_of
 from netfall.driver.dynamics.varying_loads import FadingLoad
 from netfall.driver.problem import Problem
 from netfall.driver.removal.equilibria import RemovalEquilibria, RemovalOutcome
-from netfall.loads.removal import Loss, Redistribution, particles_removed_after_breaks
+from netfall.loads.removal import Redistribution, RemovalStep, particles_removed_after_breaks
 from netfall.parallel.mpi import MPI
 from netfall.physics import removal
 from netfall.physics.elements import ElementState
@@ -26,7 +26,7 @@ from netfall.physics.law.branches import add_branch_forces
 from netfall.physics.state import State
 from netfall.results.writer import text_dataset
 
-# (losses, m) [N] on rank 0, nan: not known. rest: in the equilibrium before the removal. lowest: nan for
+# (removals, m) [N] on rank 0, nan: not known. rest: in the equilibrium before the removal. lowest: nan for
 # broken elements. moment: of bending in the equilibrium after it [N m].
 TENSION_NAMES = ("before", "highest", "lowest", "rest", "after", "moment")
 MAX_FADING_STEPS = 1e6  # number of steps whose loads are added one by one
@@ -36,21 +36,25 @@ MIN_TENSION_CHANGE = 1e-3  # of the largest tension [-]: a smaller change has no
 class MemberRemoval:
     """Member removals of a run, with the tensions before and after them on rank 0."""
 
-    def __init__(self, problem: Problem, losses: list[Loss], after: RemovalEquilibria | None, log: EventLog):
+    def __init__(
+        self, problem: Problem, removals: list[RemovalStep], after: RemovalEquilibria | None, log: EventLog
+    ):
         """after : result of `removal.equilibria.run`, None: in a resumed run"""
-        self.distribution, self.losses, self.job = problem.distribution, losses, problem.job
+        self.distribution, self.removals, self.job = problem.distribution, removals, problem.job
         self.model, self.log, self.dt, self.done = problem.model, log, problem.dynamic_schedule.dt, 0
         self.outcomes, self.bends = after.outcomes if after else [], problem.state.features.bending
         # m2, (n,) on rank 0, with areas redistributed so far
         self.area = self.model.roof.area.copy() if self.model else None
         gid = self.distribution.subdomain.particle_gid
         durations = [entry.duration for entry in self.job.removes]
-        entries = sorted({k for loss in losses for k in loss.entry.tolist()})
+        entries = sorted({k for removed in removals for k in removed.entry.tolist()})
         self.fades = {k: FadingLoad(gid, durations[k]) for k in entries if durations[k]}
         self.tensions: dict[str, np.ndarray] = {}
-        self.displacement = np.zeros(0)  # m, (losses, n, 3) on rank 0, in the equilibrium after each
+        self.displacement = np.zeros(0)  # m, (removals, n, 3) on rank 0, in the equilibrium after each
         if self.model:
-            self.tensions = {name: np.full((len(losses), self.model.net.m), np.nan) for name in TENSION_NAMES}
+            self.tensions = {
+                name: np.full((len(removals), self.model.net.m), np.nan) for name in TENSION_NAMES
+            }
             if after:
                 forces, moments = np.moveaxis(np.array(after.tension), 2, 0)
                 self.tensions["rest"][:], self.tensions["after"][:] = forces[:-1], forces[1:]
@@ -60,7 +64,7 @@ class MemberRemoval:
     @property
     def next_step(self) -> int:
         """Return the step of the next removal; after the last: larger than every step."""
-        return self.losses[self.done].step if self.done < len(self.losses) else sys.maxsize
+        return self.removals[self.done].step if self.done < len(self.removals) else sys.maxsize
 
     def remove_from(
         self, state: State, elements: ElementState, time: float, before_dt: float, dt: float
@@ -71,24 +75,24 @@ class MemberRemoval:
 
         The log must contain all fractures so far. Collective.
         """
-        loss = self.losses[self.done]
+        removed = self.removals[self.done]
         self.close(state, elements.N)
         self._record_tension("before", self.done, state, elements.N)
-        gid, rows = self.distribution.subdomain.particle_gid, self._rows(loss.elements)
+        gid, rows = self.distribution.subdomain.particle_gid, self._rows(removed.elements)
         N = add_branch_forces(state, elements.N, before_dt, dt)
-        force = self._forces(state, loss, rows[rows >= 0], elements.L, N)
+        force = self._forces(state, removed, rows[rows >= 0], elements.L, N)
         particles, redistribution = self._leaving_particles(self.done)
-        entries = [self.job.removes[k] for k in loss.entry.tolist()]
+        entries = [self.job.removes[k] for k in removed.entry.tolist()]
         since, missing = impulse_times(entries, time, before_dt, dt)
         removal.remove_elements(state, rows[rows >= 0], since[rows >= 0])
-        end_rows = rows_of(gid, loss.ends.T.ravel())
+        end_rows = rows_of(gid, removed.ends.T.ravel())
         for kind, time_missing in (removal.INTERNAL, missing[:, :1]), (removal.EXTERNAL, missing[:, 1:]):
             impulse = time_missing * force  # on the start nodes
             impulses = np.concatenate([impulse, -impulse])[end_rows >= 0]
             removal.apply_impulses(state, end_rows[end_rows >= 0], impulses, kind)
         self._transfer_carried(state, redistribution)
         removal.remove_particles(state, np.flatnonzero(np.isin(gid, particles)))
-        self._begin_fades(loss, {k: force[loss.entry == k] for k in self.fades if k in loss.entry})
+        self._begin_fades(removed, {k: force[removed.entry == k] for k in self.fades if k in removed.entry})
         self._move_area(redistribution)
         self.done += 1
         return redistribution
@@ -97,15 +101,17 @@ class MemberRemoval:
         """Return the local rows of elements; -1: not on this rank."""
         return rows_of(self.distribution.subdomain.element_gid, elements)
 
-    def _forces(self, state: State, loss: Loss, rows: np.ndarray, L: np.ndarray, N: np.ndarray) -> np.ndarray:
+    def _forces(
+        self, state: State, removed: RemovalStep, rows: np.ndarray, L: np.ndarray, N: np.ndarray
+    ) -> np.ndarray:
         """Compute the forces (k, 3) [N] of the removed elements on their start nodes, the same on every rank.
 
         Elements that had broken before exert no force. L, N : (m,) lengths [m], axial forces [N]. Collective.
         """
-        force = np.zeros((len(loss.elements), 3))
+        force = np.zeros((len(removed.elements), 3))
         for e in rows[state.owned[rows].astype(bool) & (state.broken[rows] == 0)].tolist():
             a, b = state.ends[e]
-            k = np.searchsorted(loss.elements, self.distribution.subdomain.element_gid[e])
+            k = np.searchsorted(removed.elements, self.distribution.subdomain.element_gid[e])
             force[k] = N[e] / L[e] * (state.x[b] - state.x[a])
         self.distribution.comm.Allreduce(MPI.IN_PLACE, force, MPI.SUM)  # other ranks add zeros
         return force
@@ -115,11 +121,11 @@ class MemberRemoval:
 
         The log shows which elements had broken before.
         """
-        loss = self.losses[k]
-        broken = set(self.log.element[self.log.step < loss.step].tolist()) & set(loss.elements.tolist())
+        removed = self.removals[k]
+        broken = set(self.log.element[self.log.step < removed.step].tolist()) & set(removed.elements.tolist())
         if not broken:
-            return loss.particles, loss.redistribution
-        result = particles_removed_after_breaks(self.model, self.losses, k, broken) if self.model else None
+            return removed.particles, removed.redistribution
+        result = particles_removed_after_breaks(self.model, self.removals, k, broken) if self.model else None
         return self.distribution.comm.bcast(result)
 
     def _transfer_carried(self, state: State, redistribution: Redistribution) -> None:
@@ -132,12 +138,14 @@ class MemberRemoval:
         source, share = redistribution.source[is_local], redistribution.share[is_local]
         removal.transfer_carried(state, row[is_local], source, share, carried)
 
-    def _begin_fades(self, loss: Loss, force: dict[int, np.ndarray]) -> None:
+    def _begin_fades(self, removed: RemovalStep, force: dict[int, np.ndarray]) -> None:
         """Start the fading tensions of a removal; force : (k, 3) [N] of the elements of each entry."""
         for entry, forces in force.items():
-            in_entry = loss.entry == entry
+            in_entry = removed.entry == entry
             start = self.job.removes[entry].time
-            self.fades[entry].begin(start, loss.ends[in_entry], forces, self._rows(loss.elements[in_entry]))
+            self.fades[entry].begin(
+                start, removed.ends[in_entry], forces, self._rows(removed.elements[in_entry])
+            )
 
     def _move_area(self, redistribution: Redistribution) -> None:
         """Move the areas of removed particles to others."""
@@ -179,9 +187,9 @@ class MemberRemoval:
         if arrays:
             self.tensions = {name: arrays[name] for name in TENSION_NAMES}
             self.displacement = arrays["displacement"]
-        for k, loss in enumerate(self.losses[: self.done]):
-            force = {e: arrays[str(e)] for e in self.fades if e in loss.entry} if arrays else None
-            self._begin_fades(loss, self.distribution.comm.bcast(force))
+        for k, removed in enumerate(self.removals[: self.done]):
+            force = {e: arrays[str(e)] for e in self.fades if e in removed.entry} if arrays else None
+            self._begin_fades(removed, self.distribution.comm.bcast(force))
             redistribution = self._leaving_particles(k)[1]
             self._move_area(redistribution)
             redistribute(redistribution)
@@ -200,22 +208,22 @@ class MemberRemoval:
         datasets |= {name: np.full((len(entries), m), np.nan) for name in names}
         datasets["displacement_after"] = np.full((len(entries), n, 3), np.nan)
         is_removed, breaks = np.zeros(m, bool), []
-        for k, loss in enumerate(self.losses):
-            is_removed[loss.elements] = True
+        for k, removed in enumerate(self.removals):
+            is_removed[removed.elements] = True
             before, highest, lowest, rest, after, moment = (self.tensions[name][k] for name in TENSION_NAMES)
             highest, lowest = np.where(is_removed, np.nan, highest), np.where(is_removed, np.nan, lowest)
             peak = farthest(before, highest, lowest, after)
             factor = np.where(np.isnan(lowest), np.nan, dynamic_factors(before, peak, rest, after))
-            for entry in loss.entries:
-                datasets["time"][entry] = loss.step * self.dt
+            for entry in removed.entries:
+                datasets["time"][entry] = removed.step * self.dt
                 datasets["state"][entry] = self.outcomes[k].state
                 datasets["displacement_after"][entry] = self.displacement[k]
                 breaks += [(e, entry) for e in self.outcomes[k].elements]
                 for name, row in zip(names, (before, highest, lowest, peak, after, factor, moment)):
                     datasets[name][entry] = row
         empty = np.zeros(0, np.int64)
-        datasets["element"] = np.concatenate([empty, *(loss.elements for loss in self.losses)])
-        datasets["entry"] = np.concatenate([empty, *(loss.entry for loss in self.losses)])
+        datasets["element"] = np.concatenate([empty, *(removed.elements for removed in self.removals)])
+        datasets["entry"] = np.concatenate([empty, *(removed.entry for removed in self.removals)])
         pairs = np.array(breaks, np.int64).reshape(-1, 2)
         return datasets | {"breaking_element": pairs[:, 0], "breaking_entry": pairs[:, 1]}
 
