@@ -64,8 +64,7 @@ def breaks_at(
     slots: Slots,
     law: LawParameters,
 ) -> bool:
-    """Apply yield to the element in slot s of particle p at x(n); return whether it reaches its fracture
-    strain.
+    """Apply yield to the element in slot s of particle p at x(n); return whether it breaks.
 
     One end of an element, which `reports`, updates its record: the lower row that is not a halo row.
     """

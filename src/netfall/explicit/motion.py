@@ -289,12 +289,13 @@ def move_vector(
     particles: Particles,
     scratch: Scratch,
 ) -> None:
-    """Compute `total_forces` and `update_velocities` at once, for the vector of particles from p on, under
-    element forces, loads and wind alone.
+    """Move the vector of particles from p on under element forces, loads and wind alone.
+
+    Does the work of `total_forces` and `update_velocities` at once.
 
     is_full : whether all LANES of them are below high
     keeps : whether the total forces [N] are written to particles.f
-    times : dt_v [s], zeta [1/s], share, dt [s], as there
+    times : dt_v [s], zeta [1/s], share, dt [s], as in these
     """
     dt_v, zeta, share, dt = times
     h = 0.5 * zeta * dt_v

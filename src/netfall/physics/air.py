@@ -42,8 +42,7 @@ def wind_speed(p: Integer, particles: Particles, share: float) -> float:
 
 @part_of_kernel
 def set_air_damping_at(p: Integer, dt_v: float, zeta: float, particles: Particles) -> None:
-    """Write the factor |U| / (1 + h + a) of `explicit.motion.add_air_damping`, with U's sign, at both
-    samples.
+    """Write the factors U / (1 + h + a) of `explicit.motion.add_air_damping` at both samples.
 
     Between the samples it is linear in time, as U is. This equals implicit damping for some speed between
     those of the samples, and so is stable too. Its relative error is at most b (dU / U)^2 / 4, with

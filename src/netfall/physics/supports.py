@@ -166,8 +166,9 @@ def move_ground(
 
 
 def start_with_ground(state: Any, ground: Ground) -> None:
-    """Start the net with the velocity of the ground, if the whole ground has one, and held axes with that of
-    their courses. state : `state.State`
+    """Set the initial velocities: of the ground, if the whole ground has one; on held axes, of their courses.
+
+    state : `state.State`
 
     The kinetic energy counts as work of the ground before the first step.
     """

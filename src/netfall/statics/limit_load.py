@@ -204,8 +204,7 @@ def search_limit(
 
 
 def _next_trial(low: Trial, high: Trial, repeats: int) -> float:
-    """Return the next trial between two trials, by regula falsi, half of `BRACKET_WIDTH` or more inside the
-    bracket.
+    """Return the next trial between two, by regula falsi, half of `BRACKET_WIDTH` or more inside the two.
 
     repeats : how often the high end has stayed; less than 0: the low end
 

@@ -89,8 +89,7 @@ def limit_load(
     stop: StopFlag,
     report: Callable[[float, float], None],
 ) -> tuple[float, LimitUtilisation, InteriorPoint]:
-    """Bring the net to the limit load factor of a load (n_owned, 3) [N], to within `BRACKET_WIDTH`.
-    Collective.
+    """Bring the net to the limit load factor of a load (n_owned, 3) [N], within `BRACKET_WIDTH`. Collective.
 
     newton : of the loads that act in addition; strained() : returns the utilisation of the net;
     tolerances : of the errors, during the search and at its end; report(low, high) : receives the factors

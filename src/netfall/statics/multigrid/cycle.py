@@ -196,8 +196,7 @@ class _PointLevel:
     up: DistributedMatrix | None = None
 
     def smooth(self, b: np.ndarray, zero: bool) -> None:
-        """Take `CHEBYSHEV_DEGREE` terms of Chebyshev iteration towards matrix x = b, on the x in
-        `matrix.own`.
+        """Take `CHEBYSHEV_DEGREE` terms of Chebyshev iteration towards matrix x = b; x is `matrix.own`.
 
         zero : whether to start from x = 0
         """
