@@ -205,7 +205,7 @@ def test_removed_elements_are_not_slack_and_released_supports_do_not_settle(work
     path = workshop.folder / "result.vtkhdf"
     with workshop.solve(CABLES + text + cases, NODES, elements) as f:
         assert f["stages/free/active"][:].tolist() == [1, 1, 0]
-        slack = compute_envelope(f, np.ones(3)).slack[1:]  # without the load, two cables hang loose
+        slack = compute_envelope(f).slack[1:]  # without the load, two cables hang loose
         assert slack.tolist() == [[False] * 3, [True, True, False], [False] * 3]
         assert count_slack_cables(f, read_cases(f)) == [0]
     process = run_on_standing_ranks("export", path, "-o", workshop.folder / "net.json")
@@ -327,7 +327,7 @@ def test_an_element_of_one_stage_has_the_forces_of_that_stage(workshop):
     text = stage("first", active=["left", "right", "stay"]) + stage("second", active=["left", "right", "tie"])
     text += stage("moved", move="{2 = [-3.0, 0.0, 0.0]}")
     with workshop.solve(CABLES + text, NODES, elements) as f:
-        envelope, rows = compute_envelope(f, np.ones(4)), cutting_columns(f, Cutting())
+        envelope, rows = compute_envelope(f), cutting_columns(f, Cutting())
         N = [f[f"stages/{name}/tension"][:] for name in ("first", "second", "moved")]
         assert envelope.least[2] == envelope.most[2] == N[0][2] > 100.0
         assert envelope.least[3] == min(N[1][3], N[2][3]) and envelope.of_least[2] == 0
@@ -405,7 +405,7 @@ def test_elements_of_some_stages_are_shown_only_there(workshop, monkeypatch):
         assert f["VTKHDF/CellData/broken"][:3].tolist() == [0, 0, 2] and not frames.broken(0).any()
         assert frames.present(0).tolist() == [True, True, False]
         assert [stages.present(k).all() for k in (0, 1)] == [True, False]
-        envelope = compute_envelope(f, np.ones(3))
+        envelope = compute_envelope(f)
         assert not envelope.slack[-1].any()
         assert [state.slack.sum() for state in shown_series(f, select_drawn(f))[0]] == [0, 3, 0]
         figure = stages_picture(f)

@@ -324,7 +324,7 @@ def test_the_force_of_a_check_is_that_of_the_end_of_an_element(workshop):
     By hand for `more`: 1.35 x 200 g 10 m + 1.2 (10 kN + ice of 10 mm) + 0.5 (ice of 50 mm - ice of 10 mm).
     """
     with workshop.solve(ICED, UPRIGHT, HEAVY) as f:
-        envelope = compute_envelope(f, np.full(2, np.nan), end_weights(f))
+        envelope = compute_envelope(f, end_weights(f))
     report, g = workshop.report(), 9.81
     foundation = {(row["stage"], row["node"]): float(row["foundation_z"]) for row in report.rows("reactions")}
     names = "permanent loads", "case ice", "combination more", "combination less"
@@ -346,7 +346,7 @@ def test_the_force_at_an_end_includes_half_of_the_line_load(workshop):
     stages = '[[stage]]\nname = "a"\nload_table = "stage.csv"\n[[stage]]\nname = "b"\n'
     stages += 'set = {"load.dead" = 0.0}\n[[stage]]\nname = "c"\nload_table = "none"\n'
     with workshop.solve(text + "all = {load = -0.3, prestress = 0.7}\n" + stages, UPRIGHT, HEAVY) as f:
-        envelope = compute_envelope(f, np.full(2, np.nan), end_weights(f))
+        envelope = compute_envelope(f, end_weights(f))
     rows = {(row["stage"], row["node"]): row for row in workshop.report().rows("reactions")}
     assert [name for name in envelope.names if name.startswith("stage")] == ["stage a", "stage b", "stage c"]
     for name, high, low in zip(envelope.names, envelope.high, envelope.low):
@@ -375,7 +375,7 @@ def test_the_utilisation_of_a_sample_is_that_at_the_ends_of_elements(workshop, m
     )[0]
     job = workshop.job(text.replace("[[case]]", 'load_table = "own.csv"\n[[case]]') + motion, UPRIGHT, HEAVY)
     with workshop.run(job) as f:
-        envelope = compute_envelope(f, np.full(2, np.nan), end_weights(f))
+        envelope = compute_envelope(f, end_weights(f))
     sample = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache(1))
     places = ("", "removal") if motion else ("permanent", "cases/ice")
     high = [high[0] for place, high in zip(envelope.places, envelope.high) if place in places]
@@ -390,7 +390,7 @@ def test_the_force_at_an_end_has_the_share_of_line_load_and_ice_of_its_load_step
     (workshop.folder / "own.csv").write_text("element,line_z\n1,-700\n2,-900\n")
     text = ICED.split("[[case]]")[0].replace("steps = 0", "load_table = 'own.csv'\nsteps = 2")
     with workshop.solve(text, UPRIGHT, HEAVY) as f:
-        envelope = compute_envelope(f, np.full(2, np.nan), end_weights(f))
+        envelope = compute_envelope(f, end_weights(f))
     rows = {(row["stage"], row["node"]): row for row in workshop.report().rows("reactions")}
     for name, high, low in list(zip(envelope.names, envelope.high, envelope.low))[1:]:
         wanted = [abs(float(rows[name, node]["foundation_z"])) for node in "13"]

@@ -360,7 +360,6 @@ class Envelope:
 
     of_most, of_least : (m,) numbers of the stages in `names`; time_of_max : (m,) [s], nan: not in dynamics
     slack, gone : (stages, m) bool; removed or broken elements are gone, not slack; slack_time : (m,) [s]
-    most_used : for each stage the largest utilisation of a resistance, and the element; -1: no resistance
     high, low : (stages, m) [N], the largest and least tension of each stage
     moment : (stages, m) [N m], the larger bending moment of both ends, in motion the largest; nan: none
     places : their groups in the file, "" without one
@@ -375,7 +374,6 @@ class Envelope:
     slack: np.ndarray
     gone: np.ndarray
     slack_time: np.ndarray | None
-    most_used: list[tuple[float, int]]
     high: np.ndarray
     low: np.ndarray
     moment: np.ndarray
@@ -389,11 +387,10 @@ def largest_over_stages(force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def compute_envelope(
-    f: Any, resistance: np.ndarray, end_weight: Callable[[str, np.ndarray, float], np.ndarray] | None = None
+    f: Any, end_weight: Callable[[str, np.ndarray, float], np.ndarray] | None = None
 ) -> Envelope:
     """Compute the envelope over all equilibria, member removals and the dynamic stage.
 
-    resistance : (m,) [N], nan if an element has none
     end_weight : of `checks.ends.end_weights`, for the forces at the ends of elements; None: in their middle
     A removal precedes the dynamic stage that contains it: if tensions are equal, the removal governs.
     """
@@ -436,10 +433,6 @@ def compute_envelope(
     time = np.where(np.isnan(most), np.nan, when[of_most, np.arange(len(is_absent))])
     most, least = np.nan_to_num(most), np.nan_to_num(least)  # nan: absent in all stages
     slack = slack_elements(f, low) & ~failed
-    most_used = [
-        (np.nan, -1) if np.isnan(share).all() else (float(np.nanmax(share)), int(np.nanargmax(share)))
-        for share in np.where(high < 0.0, np.nan, high) / resistance  # compressed: not used in tension
-    ]
     return Envelope(
         names=names,
         most=most,
@@ -450,7 +443,6 @@ def compute_envelope(
         slack=slack,
         gone=failed,
         slack_time=slack_time,
-        most_used=most_used,
         high=high,
         low=low,
         moment=moment,

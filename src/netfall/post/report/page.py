@@ -93,7 +93,7 @@ def summary(
         "Reinforced concrete": concrete(f, envelope, tables),
         "Clamps and saddles": "slides.csv" in tables and _slides(tables["slides.csv"]),
         "Factors": _factors(checked),
-        "Tensions": _tensions(f, envelope, checked[0].name),
+        "Tensions": _tensions(f, envelope, checked[0]),
         "Member removals": "removal" in f and _removals(f, checked, tables["elements.csv"]),
         "Removed and broken cables": _failed_cables(cables),
         "Slack cables": _slack(cables, envelope),
@@ -238,17 +238,19 @@ def _factors(checked: list[ElementCheck]) -> list[str]:
     return md.as_table(["check", "of", "factor", "value", "edition", "meaning"], rows)
 
 
-def _tensions(f: h5py.File, envelope: Envelope, check: str) -> list[str]:
+def _tensions(f: h5py.File, envelope: Envelope, check: ElementCheck) -> list[str]:
     """Return the table of utilisation, governed elements and slack elements by stage."""
     ids, rows = f["net/element_id"][:], []
     order = np.argsort(-envelope.most, kind="stable")
     worst = order[np.unique(ids[order], return_index=True)[1]]  # part of each subdivided element
     governs = np.bincount(envelope.of_most[worst], minlength=len(envelope.names))
+    shares = np.where(envelope.high < 0.0, np.nan, envelope.high) / check.resistance  # not of compression
     for k, name in enumerate(envelope.names):
-        share, e = envelope.most_used[k]
-        largest = f"{share:.3f} (element {ids[e]})" if e >= 0 else ""
+        known = not np.isnan(shares[k]).all()
+        largest = f"{np.nanmax(shares[k]):.3f} (element {ids[np.nanargmax(shares[k])]})" if known else ""
         rows.append([name, largest, governs[k], states.count_elements(f, envelope.slack[k])])
-    return md.as_table(["stage", f"largest utilisation, {check}", "governs elements", "slack elements"], rows)
+    header = ["stage", f"largest utilisation, {check.name}", "governs elements", "slack elements"]
+    return md.as_table(header, rows)
 
 
 def _removals(f: h5py.File, checked: list[ElementCheck], elements: dict[str, np.ndarray]) -> list[str]:

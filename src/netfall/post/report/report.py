@@ -87,9 +87,8 @@ def write_report(
     checks = read_codes(codes)
     with open_checked(result) as f:
         check_groups(codes, checks, f["net/group_names"].asstr()[:].tolist())
-        applicable = cables.applicable_checks(f, checks)
-        envelope = compute_envelope(f, applicable[0][1], end_weights(f))
-        checked = cables.check_elements(f, applicable, envelope)
+        envelope = compute_envelope(f, end_weights(f))
+        checked = cables.check_elements(f, cables.applicable_checks(f, checks), envelope)
         groups, types = (
             sorted(set(of(f).tolist()) - {""}) for of in (cables.element_groups, cables.element_types)
         )
