@@ -19,9 +19,11 @@ from netfall.study.answers import probit
 from netfall.study.answers.hazard import Hazard, hazard_row
 from netfall.study.answers.probit import FragilityFits
 from netfall.study.answers.samples import (
+    CONFIDENCE,
     RESAMPLES,
     SPEED,
     FragilityCurve,
+    bootstrap_interval,
     bootstrap_weights,
     group_curves,
     value_codes,
@@ -91,7 +93,6 @@ def failure_section(
     }
 
 
-CONFIDENCE = 0.95  # confidence level of the intervals
 MIN_SAMPLES = 8  # number of independent samples below which the bootstrap is meaningless
 FEW_SAMPLES = 30  # number of independent samples below which its intervals are rough, and mostly too narrow
 BAND_SPEEDS = 81  # number of speeds of the band
@@ -161,7 +162,7 @@ def _curve_rows(
         runs, fit = run_counts[k], probit.fit(speed, run_counts[k], counts[k])
         resampled = None if resamples is None else probit.fit(speed, resamples[0][k], resamples[1][k])
         extremes = probit.fit(speed, runs + missing, np.array([counts[k] + missing, counts[k]]))
-        of_year = hazard and hazard_row(hazard, speed, counts[k], fit, resampled, extremes, _interval)
+        of_year = hazard and hazard_row(hazard, speed, counts[k], fit, resampled, extremes)
         rows.append(
             {"measure": name, "curve": curve.name, "runs": runs, "failed": counts[k]}
             | {"samples": curve.samples, "resampled": curve.resampled, "left_out": len(left_out)}
@@ -208,21 +209,15 @@ def _fit_row(
     row["median_bounds"] = np.ravel(probit.median_bounds(fit))
     if drawn is not None:
         row["without_curve"] = int((drawn.verdict != probit.FITTED).sum())
-        row["band"] = _interval(*probit.share_bounds(grid, drawn))
+        row["band"] = bootstrap_interval(*probit.share_bounds(grid, drawn))
     if drawn is not None and is_fitted:
-        row["median_interval"] = _interval(*probit.median_bounds(drawn))
-        row["dispersion_interval"] = _interval(*probit.dispersion_bounds(drawn))
-        row["band_at_median"] = _interval(*probit.share_bounds(fit.median, drawn))[0]
+        row["median_interval"] = bootstrap_interval(*probit.median_bounds(drawn))
+        row["dispersion_interval"] = bootstrap_interval(*probit.dispersion_bounds(drawn))
+        row["band_at_median"] = bootstrap_interval(*probit.share_bounds(fit.median, drawn))[0]
     row["median_if_left_out"] = extremes.median
     notes = [_reason(fit, speed, runs)] if not is_fitted else []
     row["note"] = "; ".join(notes + _doubts(row, speed, runs, samples))
     return row
-
-
-def _interval(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return percentiles (2,) or (g, 2) over samples (R,) or (R, g) with bounds `low` and `high`."""
-    skipped = round(0.5 * (1.0 - CONFIDENCE) * RESAMPLES)
-    return np.stack([np.sort(low, axis=0)[skipped - 1], np.sort(high, axis=0)[-skipped]], axis=-1)
 
 
 def _reason(fit: FragilityFits, speed: np.ndarray, runs: np.ndarray) -> str:

@@ -17,6 +17,7 @@ from scipy.stats import gumbel_r, norm, weibull_min
 
 from netfall.study.answers import probit
 from netfall.study.answers.probit import FragilityFits
+from netfall.study.answers.samples import bootstrap_interval
 
 Exceedance = Callable[[np.ndarray], np.ndarray]  # of speeds [m/s]
 MAX_WIND_SPEED = 1e4  # m/s, upper bound of wind speeds
@@ -109,13 +110,11 @@ def hazard_row(
     fits: FragilityFits,
     drawn: FragilityFits | None,
     extremes: FragilityFits,
-    interval_of: Any,
 ) -> dict[str, Any]:
     """Return the datasets of /hazard for one curve.
 
     speed, failed : (s,) speeds and numbers of failures; fits : of the curve; drawn : of the resamples
     extremes : if all excluded samples had failed, and if none had
-    interval_of(low, high) : percentiles (2,)
     """
     exceedance, probability, within, tail = hazard.exceedance, np.nan, np.nan, np.nan
     if fits.verdict[0] == probit.FITTED:
@@ -124,10 +123,11 @@ def hazard_row(
         lowest = float(speed[failed > 0].min())
         tail = tail_share(exceedance, fits.median[0], fits.dispersion[0], lowest)
     least, most = annual_bounds(exceedance, extremes)
+    no_interval = np.full(2, np.nan)
     return {
         "annual_probability": probability,
         "if_left_out": np.array([most[0], least[1]]),
-        "interval": np.full(2, np.nan) if drawn is None else interval_of(*annual_bounds(exceedance, drawn)),
+        "interval": no_interval if drawn is None else bootstrap_interval(*annual_bounds(exceedance, drawn)),
         "beta": float(reliability_index(np.array(probability))),
         "probability": within,
         "beta_of_years": float(reliability_index(np.array(within))),

@@ -13,6 +13,7 @@ from netfall.core.arrays import AnyArray
 SPEED = "wind.speed"
 MOST_CURVES = 6  # largest number of combinations of inputs with separate curves
 RESAMPLES = 2000  # number of bootstrap resamples
+CONFIDENCE = 0.95  # confidence level of the intervals
 SEED = 1  # seed of the resamples
 AT_ONCE = 4_000_000  # largest number of weights in memory
 
@@ -143,6 +144,12 @@ def bootstrap_weights(curve: FragilityCurve) -> Iterator[np.ndarray]:
                 rows = np.flatnonzero(curve.strata == k)
                 total[:, rows] = _drawn(generator, len(rows), count)
         yield total
+
+
+def bootstrap_interval(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return percentiles (2,) or (g, 2) over resamples (R,) or (R, g) with bounds `low` and `high`."""
+    skipped = round(0.5 * (1.0 - CONFIDENCE) * RESAMPLES)
+    return np.stack([np.sort(low, axis=0)[skipped - 1], np.sort(high, axis=0)[-skipped]], axis=-1)
 
 
 def _drawn(generator: Any, n: int, count: int) -> np.ndarray:
