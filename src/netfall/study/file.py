@@ -321,7 +321,7 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
         try:
             job = read_job(plan.job, [f"{n}={toml_value(v)}" for n, v in (first | {name: value}).items()])
             makes_net = name.startswith(KEYS_OF_NET) and not is_seed(name)  # seeds draw strengths and lengths
-            net = _net_unless_weak(job) if makes_net else None
+            net = net_unless_weak(job) if makes_net else None
             digest = b"" if net is None else _digest_of(net)
             nets_by_key.setdefault(name, {})[value if is_finite_number(value) else None] = digest
         except InputError as error:
@@ -376,7 +376,7 @@ def _digest_of(net: Net) -> bytes:
     return hashlib.sha256(b"".join(column.tobytes() for column in columns)).digest()
 
 
-def _net_unless_weak(job: Job) -> Net | None:
+def net_unless_weak(job: Job) -> Net | None:
     """Build the net; None if it is too weak for its prestress, because such a sample counts as failed.
 
     Raises InputError.

@@ -23,12 +23,12 @@ import numpy as np
 
 import netfall
 from netfall.core.cache import program_digest
-from netfall.core.errors import DivergedError, InputError, Interrupted
+from netfall.core.errors import DivergedError, Interrupted
 from netfall.core.launch import memory_message
 from netfall.core.messages import code_of, count_of, with_sentence
 from netfall.core.progress import Progress
 from netfall.core.timings import StopFlag
-from netfall.geometry.build import TOO_WEAK, build_net
+from netfall.geometry.build import build_net
 from netfall.geometry.net import Net
 from netfall.gpu import NETS_AT_ONCE
 from netfall.job.cache import IGNORED_KEYS, NO_CACHE
@@ -40,7 +40,7 @@ from netfall.study import messages
 from netfall.study.answers.fragility import JUDGED_STATES
 from netfall.study.answers.info import balance_warnings, left_out_warnings
 from netfall.study.answers.read import read_study
-from netfall.study.file import OVERRIDES, Plan, Sample, read_study_plan
+from netfall.study.file import OVERRIDES, Plan, Sample, net_unless_weak, read_study_plan
 from netfall.study.files import InputFiles, Journal, Place, read_journal, study_files
 from netfall.study.pool import WorkerPool, check_worker, worker_command, worker_task
 from netfall.study.table import DIGESTS, Table, check_digests, read_digests, text_of
@@ -326,14 +326,12 @@ def _first_net(plan: Plan) -> tuple[Job, Net]:
 
     Reports errors of the net once, before any worker starts. Raises InputError.
     """
-    for number in range(most := min(len(plan), MOST_TRIED)):
+    for number in range(min(len(plan), MOST_TRIED)):
         job = plan.read(plan.sample(number))
-        try:
-            return job, build_net(job)
-        except InputError as raised:
-            if number == most - 1 or {code_of(line) for line in raised.lines} - TOO_WEAK:
-                raise
-    raise ValueError("the study has no samples")
+        net = net_unless_weak(job)
+        if net is not None:
+            return job, net
+    return job, build_net(job)  # raises the error of the last one
 
 
 def _usable_device(device: str, plan: Plan, job: Job, progress: Progress) -> str:
