@@ -61,10 +61,8 @@ def form_position(f: Any) -> np.ndarray:
 
 def last_stage(f: Any) -> str:
     """Return the group of the last stage of erection, "" if there was none."""
-    if "stages" not in f:
-        return ""
-    stages = [name for name in equilibrium_groups(f) if name.startswith("stages/")]
-    return stages[-1] if stages else ""
+    places = equilibrium_groups(f) if "stages" in f else []
+    return next((place for place in reversed(places) if place.startswith("stages/")), "")
 
 
 def start_position(f: Any) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from netfall.core.messages import count_of
 from netfall.results.losses import RESTS, WHERE_SIGNIFICANT
-from netfall.results.warning_text import MAX_BALANCE_ERROR
+from netfall.results.warning_text import BALANCE_COLUMNS, MAX_BALANCE_ERROR
 from netfall.study import messages
 from netfall.study.answers import statistics
 from netfall.study.answers.fragility import failures, is_judged
@@ -400,8 +400,7 @@ def _print_energy_check(study: Study, say: Callable[..., Any]) -> None:
 
 def _balance_errors(study: Study) -> tuple[np.ndarray, np.ndarray]:
     """Return both errors of the energy balance of the samples (N,), nan: not known."""
-    names = "energy_balance_error", "balance_error_attached"
-    in_play, attached = (np.abs(study.samples[name]) for name in names)
+    in_play, attached = (np.abs(study.samples[name]) for name in BALANCE_COLUMNS)
     return in_play, attached
 
 
