@@ -354,6 +354,14 @@ def test_the_force_at_an_end_includes_half_of_the_line_load(workshop):
         assert [max(high[0], -low[0]), -low[1]] == pytest.approx(expected, rel=1e-5), name
 
 
+def test_no_stage_of_erection_counts_in_service(workshop):
+    """The first stage of a given geometry did, in place of the form, whatever acts in it."""
+    text = CASES + '[combinations]\n"B" = {kind = "SLS", snow = 1.0}\n[[stage]]\nname = "lift"\n'
+    workshop.solve(text, ROOFED, ELEMENTS.format(ROWS)).close()
+    in_service = "\nOf kind SLS. The largest tension of each element in: permanent loads; combination B.\n"
+    assert in_service in workshop.report().page
+
+
 @pytest.mark.parametrize("stage", ["", '[[stage]]\nname = "lift"\n'])
 def test_the_report_states_that_stages_of_erection_have_no_partial_factors(workshop, stage):
     """The remark follows the states of an ultimate check, also of a job with combinations of kind ULS."""

@@ -41,15 +41,19 @@ UNVERIFIED_STATES = {  # of an equilibrium, also after a member removal: reason 
 
 
 def stage_kinds(f: h5py.File, envelope: Envelope) -> np.ndarray:
-    """Return the kind of case (`results.file.Case`) of each stage in an envelope, PERMANENT, or ""."""
+    """Return the kind of case (`results.file.Case`) of each stage in an envelope, PERMANENT, or "".
+
+    The form counts as PERMANENT, the first stage of erection of a given geometry does not.
+    """
     kinds = {case.shown.place: case.kind for case in read_cases(f)} | {PERMANENT: PERMANENT}
-    return np.array([kinds.get(path, "") for path in envelope.places], object)
+    first = "" if envelope.places[0].startswith("stages/") else PERMANENT
+    return np.array([first, *(kinds.get(path, "") for path in envelope.places[1:])], object)
 
 
 def counted(kinds: np.ndarray, kind: str) -> np.ndarray:
     """Select the stages (stages,) that count in checks of a kind; kinds : from `stage_kinds`.
 
-    If the job has combinations of this kind, these, the first stage, the form and the permanent loads count.
+    If the job has combinations of this kind, these, the form and the permanent loads count.
     Ultimate checks also include stages without a kind, such as member removals and dynamics, since their
     loads are accidental. If the job has no such combinations, all stages except combinations of the other
     kind count.
@@ -58,7 +62,6 @@ def counted(kinds: np.ndarray, kind: str) -> np.ndarray:
     if not kind or not counts.any():
         return ~np.isin(kinds, COMBINATION_KINDS) if kind else np.ones(len(kinds), bool)
     counts |= (kinds == "") & (kind == COMBINATION_KINDS[0])
-    counts[0] = True
     return counts | (kinds == PERMANENT)
 
 
@@ -87,7 +90,7 @@ def states_not_verified(f: h5py.File, envelope: Envelope, selected: np.ndarray) 
         elif passes_limit_point(f, path):
             failed.append(("beyond limit point", title))
     chosen = np.flatnonzero(selected)
-    if len(selected) > 1 and all(envelope.places[k] == PERMANENT for k in chosen[1:]):
+    if len(selected) > 1 and all(envelope.places[k] == PERMANENT for k in chosen if k > 0):
         failed.append(("not checked", " and ".join(envelope.names[k] for k in chosen)))
     return sorted(failed, key=lambda pair: list(NOT_VERIFIED).index(pair[0]))
 
