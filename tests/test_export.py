@@ -669,6 +669,17 @@ def test_tensions_of_a_given_geometry_are_those_of_the_law(tmp_path, strain, law
     assert any("not linear elastic" in line for line in lines) == (strain == "logarithmic")
 
 
+def test_the_lengths_in_the_tables_of_a_motion_explain_its_forces(tmp_path):
+    """EA (L / L0 - 1), with L0 at the temperature of the loads, which is 30 K above that of the net."""
+    run(GIVEN | {"load": {"temperature": 30.0}, "dynamics": {"duration": 0.05}}, tmp_path / "r.vtkhdf")
+    written(tmp_path / "r.vtkhdf", tmp_path / "r", np.inf)
+    x = {row["id"]: [float(row[k]) for k in "xyz"] for row in rows(tmp_path / "r" / "nodes.csv")}
+    for row in rows(tmp_path / "r" / "elements.csv"):
+        L = np.linalg.norm(np.subtract(x[row["end"]], x[row["start"]]))
+        force = 1e6 * (L / float(row["unstressed_length_warm"]) - 1.0)
+        assert float(row["tension"]) == pytest.approx(force, rel=1e-5)  # single precision
+
+
 def test_a_model_for_opensees_has_tags_and_names_that_it_can_read(tmp_path):
     """Tags are 32-bit integers. Tcl would execute brackets, and replace text after a $."""
     job = GIVEN | {"load": {"steps": 1}}

@@ -95,7 +95,7 @@ def _check_copies(folder: Path, temporary: Path, is_export: bool) -> None:
 
 def _in_motion(state: ExportState) -> dict[str, dict[str, Any]]:
     """Return the tables of a state in motion."""
-    elements = _ends(state) | {"group": state.group, "unstressed_length": state.unstressed_length}
+    elements = _ends(state) | {"group": state.group} | state.unstressed()
     elements |= {"tension": state.tension, "broken": state.broken.astype(int)}
     present = ~state.out()
     return {"nodes": _places(state), "elements": {name: each[present] for name, each in elements.items()}}
