@@ -45,24 +45,19 @@ class Net:
         fixed = np.zeros(n, bool) if self.fixed is None else _as_array("fixed", self.fixed)
         if fixed.shape not in ((n,), (n, 3)) or not np.isin(fixed, (0, 1)).all():
             raise _array_error("fixed", fixed, f"({n},) or ({n}, 3) of True or False, for each node")
-        fixed = fixed.astype(int)
-        fixed_columns = (
-            {"fixed": fixed}
-            if fixed.ndim == 1
-            else {f"fixed_{k}": is_fixed for k, is_fixed in zip(AXES, fixed.T)}
-        )
-        return table | fixed_columns | _columns("node_columns", self.node_columns, n, OF_NODES)
+        names = ["fixed"] if fixed.ndim == 1 else [f"fixed_{k}" for k in AXES]
+        table |= zip(names, np.atleast_2d(fixed.astype(int).T))
+        return table | _columns("node_columns", self.node_columns, n, OF_NODES)
 
     def element_table(self) -> dict[str, np.ndarray]:
         """Return the columns of elements.csv. Raises InputError if the arrays do not fit each other."""
         ends = _array("elements", self.elements, 2, int)
         m = len(ends)
         table = {"id": _ids("element_id", self.element_id, m), "start": ends[:, 0], "end": ends[:, 1]}
+        given = ELEMENT_COLUMN_SOURCES
         if self.groups is not None:
-            table |= _columns("groups", {"group": self.groups}, m)
-        given = (
-            ELEMENT_COLUMN_SOURCES if self.groups is None else ELEMENT_COLUMN_SOURCES | {"group": "groups"}
-        )
+            table |= _columns("groups", {"group": self.groups}, m, {})
+            given = given | {"group": "groups"}
         return table | _columns("element_columns", self.element_columns, m, given)
 
     def write(self, folder: str | Path) -> dict[str, str]:
@@ -106,15 +101,13 @@ def _ids(name: str, values: Any, rows: int) -> np.ndarray:
     return array
 
 
-def _columns(
-    name: str, given: dict[str, Any], rows: int, arrays: dict[str, str] | None = None
-) -> dict[str, np.ndarray]:
+def _columns(name: str, given: dict[str, Any], rows: int, arrays: dict[str, str]) -> dict[str, np.ndarray]:
     """Return columns with `rows` rows; a single value applies to all rows, and None is an empty cell.
 
     arrays : names of arrays of a Net by the columns that they provide. Raises InputError for these columns,
     nan and line breaks.
     """
-    provided = {column: (arrays or {}).get(str(column).strip().lower()) for column in given}
+    provided = {column: arrays.get(str(column).strip().lower()) for column in given}
     errors = [
         messages.ARRAY_AS_COLUMN(name=name, column=column, array=array)
         for column, array in provided.items()
