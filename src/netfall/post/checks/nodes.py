@@ -40,7 +40,12 @@ def held_axes(f: h5py.File, place: str = "") -> np.ndarray:
     """
     path = f"{place}/held"  # stages of erection and the form have this dataset
     held = f[path if place and path in f else "net/fixed"][:].astype(bool)
-    return held | (f["net/spring"][:] > 0) if "spring" in f["net"] else held
+    return held | spring_axes(f)
+
+
+def spring_axes(f: h5py.File) -> np.ndarray:
+    """Return which axes (n, 3) of the nodes have a spring."""
+    return f["net/spring"][:] > 0 if "spring" in f["net"] else np.zeros(f["net/fixed"].shape, bool)
 
 
 def sum_end_forces(x: np.ndarray, ends: np.ndarray, N: np.ndarray) -> np.ndarray:
@@ -76,7 +81,7 @@ def _stage_reactions(f: h5py.File, stage: StateView) -> dict[str, np.ndarray]:
     force = np.where(held[nodes], to_rotated_axes(pull[nodes], angle), 0.0)
     if "spring" in f["net"]:
         carried = 0.0 - read_springs(f).forces(x) if reaction is None else reaction  # feet may settle
-        force = np.where(f["net/spring"][:][nodes] > 0.0, to_rotated_axes(carried[nodes], angle), force)
+        force = np.where(spring_axes(f)[nodes], to_rotated_axes(carried[nodes], angle), force)
     force = from_rotated_axes(force, angle)
     foundation = force if stage.unloaded else np.full_like(force, np.nan)  # snapshots store no nodal loads
     foundation = foundation if reaction is None else reaction[nodes]

@@ -15,7 +15,7 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.path import Path
 from matplotlib.ticker import MaxNLocator
 
-from netfall.post.checks.nodes import held_axes
+from netfall.post.checks.nodes import held_axes, spring_axes
 from netfall.post.plots import canvas
 
 OF_MOTION, OF_EQUILIBRIA = (1.0, 99.0), (0.0, 100.0)  # percentiles of the forces, at which the scale ends
@@ -123,11 +123,6 @@ def add_supports(f: h5py.File, axes: Axes, x: np.ndarray, place: str = "") -> No
         axes.plot(*x[edge].T, lw=0.8, ls=(0, (3, 2)), **style)
     spring = spring_axes(f)
     canvas.mark_supports(axes, x, held & ~spring, spring)
-
-
-def spring_axes(f: h5py.File) -> np.ndarray:
-    """Return which axes (n, 3) of the nodes have a spring."""
-    return f["net/spring"][:] > 0 if "spring" in f["net"] else np.zeros(f["net/fixed"].shape, bool)
 
 
 def support_edge(x: np.ndarray, supports: np.ndarray) -> np.ndarray:
