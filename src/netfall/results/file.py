@@ -169,6 +169,11 @@ def _case(f: Any, place: str, kind: str) -> Case:
     return Case(name, kind, shown, state, factor, reason)
 
 
+def moves(f: Any) -> bool:
+    """Return whether a result file has snapshots of a motion."""
+    return "history" in f and len(f["VTKHDF/Steps/Values"]) > 1
+
+
 class Frames:
     """Time steps of /VTKHDF: positions, connectivity, point fields and cell fields."""
 

@@ -11,11 +11,10 @@ from typing import Any
 import h5py
 import numpy as np
 
-from netfall.post.checks.nodes import held_axes
-from netfall.post.plots.force import spring_axes
+from netfall.post.checks.nodes import held_axes, spring_axes
 from netfall.post.plots.net import select_cables
 from netfall.results import states
-from netfall.results.file import Frames
+from netfall.results.file import Frames, moves
 
 MAX_CODE = 32_767  # largest value of a two-byte integer
 MISSING = -32_768  # code of a missing value
@@ -144,11 +143,6 @@ def drawn_part(
         ends[tuple(loose.T)] = len(nodes) + np.arange(len(loose))
     origin = np.concatenate([nodes, elements[rows][tuple(loose.T)]])
     return DrawnPart(rows, stride, x[origin], origin, ends, loose)
-
-
-def moves(f: h5py.File) -> bool:
-    """Whether the result file has snapshots of a motion."""
-    return "history" in f and len(f["VTKHDF/Steps/Values"]) > 1
 
 
 def shown_series(f: h5py.File, drawn: DrawnPart) -> tuple[list[StateSeries], list[str]]:

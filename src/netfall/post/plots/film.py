@@ -23,7 +23,7 @@ from netfall.core.errors import InputError
 from netfall.post import messages
 from netfall.post.plots import canvas, collapse, force
 from netfall.post.plots.states import force_words
-from netfall.results.file import Frames, StageFrames, open_checked, result_title
+from netfall.results.file import Frames, StageFrames, moves, open_checked, result_title
 from netfall.results.locks import whole
 from netfall.results.losses import removal_times
 
@@ -122,7 +122,7 @@ def animate(
         raise InputError(messages.GIF_TOO_FAST(fps=fps, most=MAX_GIF_FRAME_RATE))
     with open_checked(result) as f, plt.rc_context({"animation.ffmpeg_path": get_ffmpeg_exe()}):
         reels = [_erection(f)] if "stages" in f else []
-        if "VTKHDF/Steps/Values" in f and "history" in f and len(f["VTKHDF/Steps/Values"]) > 1:
+        if moves(f):
             reels.append(_motion(f, shot.until))
         if not reels:
             raise InputError(messages.NOTHING_TO_ANIMATE(path=result))
