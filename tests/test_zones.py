@@ -563,6 +563,8 @@ def test_snow_on_half_of_a_roof_is_half_of_the_load(workshop):
             notes = [note for note in model.layout.notes if "cut = true" in note]
             fact = "of its 12.5 m2 in plan 2.5 m2 (20.0%) lie outside its polygon; 0 m2 inside do not belong"
             assert [fact in note for note in notes] == ([True] if (edge, shape) == (2.0, square) else [])
+    check = workshop.check(workshop.job(STEEL + SNOW + rectangle("half", 0, 0, 2.0, 5), *grid()))
+    assert "\nzones, of surface and in plan: half 10.0 and 10.0 m2\n" in check
     assert loads == {(2.5, shape): 1250.0 for shape in (square, cut, rectangle)} | {
         (2.0, square): 1250.0,
         (2.0, cut): 1000.0,

@@ -179,6 +179,11 @@ def _net_lines(problem: Problem) -> Iterator[str]:
         f"roof: {model.roof.area.sum():.1f} m2 of surface, {model.roof.plan_area.sum():.1f} m2 in plan; "
         + (geometry_messages.GIVEN_AREAS.text if areas_are_given(net) else source)
     )
+    parts = model.roof.parts
+    shares = zip(parts.zones.names, parts.zones.share.T)  # the last column is outside all zones
+    zones = [f"{name} {part @ parts.area:.1f} and {part @ parts.plan_area:.1f} m2" for name, part in shares]
+    if zones:
+        yield f"zones, of surface and in plan: {', '.join(zones)}"
     if net.roof_axes is not None:
         yield outer_side_line(model.roof.vector)
     face = largest_face(model.x, net, model.layout.roofing.faces)
