@@ -12,9 +12,11 @@ from unittest.mock import Mock
 
 import browser
 import h5py
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from conftest import STEEL, run_on_standing_ranks, standing_runs_of_python, wait_for
+from matplotlib.colors import to_hex
 from study_files import columns, write_study
 
 from netfall import Net, run
@@ -23,6 +25,8 @@ from netfall.post.page import page, states
 from netfall.post.page.page import MAX_DRAWN_DISPLACEMENT, select_hanging
 from netfall.post.page.states import MAX_CODE, MISSING, ArrayBlock, select_drawn, shown_series
 from netfall.post.page.study import choose_sample, net_page, sample_page
+from netfall.post.plots.force import SLACK
+from netfall.post.plots.states import find_equilibrium, one_state
 from netfall.post.plots.utilisation import OVERUSED_COLOUR
 from netfall.results.file import Frames
 from netfall.results.states import start_position
@@ -281,6 +285,33 @@ def test_the_page_shows_forces_of_weak_elements_beside_strong_ones(tmp_path):
         tab.open(tmp_path / "r.html")
         told = tab.run(f"return netfall.then(s => {{ {picked} }})")
     assert "axial force 0.004999 MN; elastic strain 0.1041 %" in told
+
+
+@needs_k3d
+@needs_browser
+def test_the_parts_of_a_slack_element_are_drawn_slack(tmp_path):
+    """They hang from each other with less than their weight of 620 N, in the page and in a picture."""
+    net = {"nodes": np.array([[0, 0, 0], [9, 0, 0], [18, 0, 0]]), "elements": [[0, 1], [1, 2]]}
+    net |= {"fixed": np.array([True, False, True]), "node_columns": {"load_x": [0.0, 9e6, 0.0]}}
+    net |= {"subdivide": 4}
+    cable = {"modulus": 1.6e11, "area": 9e-4, "density": 7850.0, "prestress": 5e4}
+    job = {"net": net, "cable": cable, "form_finding": {"method": "given_geometry"}, "load": {"steps": 1}}
+    with run(job, output=tmp_path / "r.vtkhdf") as result:
+        N = result.file["statics/tension"][-1]
+        assert (N[4:] > 0.0).all() and (N[4:] < 620.0).all()
+        figure = one_state(result.file, find_equilibrium(result.file, "statics"))
+    figure.draw_without_rendering()
+    slack = [c for c in figure.axes[0].collections if to_hex(c.get_edgecolor()[0]) == SLACK]
+    assert [len(lines.get_segments()) for lines in slack] == [4]
+    plt.close(figure)
+    page.write_page(tmp_path / "r.vtkhdf", tmp_path / "r.html")
+    kinds = "[...Array(8).keys()].map(e => kindOf(s, e) === SLACK)"
+    with browser.browser() as tab:
+        tab.open(tmp_path / "r.html")
+        drawn = tab.run(
+            f"return netfall.then(s => {{ choose(s, s.page.states.length - 1); return {kinds} }})"
+        )
+    assert drawn == [False] * 4 + [True] * 4
 
 
 @needs_k3d

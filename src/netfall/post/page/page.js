@@ -72,7 +72,7 @@ function readPage(k3d) {
     for (const name of ["per", "values"]) each[name] = each[name] && read(each[name]);
   }
   for (const state of page.states) {
-    for (const name of ["displacement", "tension", "strain"]) {
+    for (const name of ["displacement", "tension", "strain", "hanging"]) {
       if (state[name]) state[name] = whole(state[name], state.slack.length);
     }
     state.away = state.away && read(state.away);
@@ -98,8 +98,9 @@ function valueOf(scene, e) {
 function kindOf(scene, e) {
   const { state, frame } = scene;
   if (state.away && state.away[e]) return undefined;
-  const N = state.tension.values[frame * state.tension.size + e];
-  return N === NONE ? BROKEN : N === 0 ? SLACK : TAUT;
+  const at = frame * state.tension.size + e, N = state.tension.values[at];
+  const slack = N === 0 || (state.hanging && state.hanging.values[at]);
+  return N === NONE ? BROKEN : slack ? SLACK : TAUT;
 }
 
 function place(scene, points) {

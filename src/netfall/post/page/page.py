@@ -220,6 +220,8 @@ def states_data(numbers: ArrayBlock, states: StateSeries, N: np.ndarray, extent:
     }
     if states.away.any():
         page["away"] = numbers.add(states.away.astype(np.int16))
+    if states.hanging is not None and states.hanging.any():
+        page["hanging"] = numbers.add_series(states.hanging.astype(float), 1.0)
     if states.strain is not None:
         eps = np.where(np.isnan(N), np.nan, states.strain)
         page["strain"] = numbers.add_series(eps, largest(eps))

@@ -93,6 +93,7 @@ class StateSeries:
         net
     away : (m,) bool, elements that are not installed yet
     supports, guided : points held along all axes, and points held along some or on springs
+    hanging : (k, m) bool, slack elements with a force, because their parts hang from each other
     """
 
     name: str
@@ -105,6 +106,7 @@ class StateSeries:
     away: np.ndarray
     supports: np.ndarray
     guided: np.ndarray
+    hanging: np.ndarray | None = None
 
 
 def support_points(drawn: DrawnPart, held: np.ndarray, sprung: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -171,9 +173,10 @@ def _static_series(f: h5py.File, drawn: DrawnPart, state: states.StateView) -> S
     displacement = state.position()[drawn.origin] - drawn.start
     slack = np.array([states.count_slack(f, N, ~missing)])
     name, time, none = states.state_title(f, state), np.zeros(0), np.zeros(1, int)
+    hanging = (states.slack_elements(f, N) & (N > 0.0))[drawn.rows][None]
     N, missing = N[drawn.rows], missing[drawn.rows]
     marks = _support_points(f, drawn, state.place)
-    return StateSeries(name, time, displacement[None], N[None], None, slack, none, missing, *marks)
+    return StateSeries(name, time, displacement[None], N[None], None, slack, none, missing, *marks, hanging)
 
 
 def _motion(f: h5py.File, drawn: DrawnPart, stride: int) -> StateSeries:
@@ -184,14 +187,15 @@ def _motion(f: h5py.File, drawn: DrawnPart, stride: int) -> StateSeries:
     displacement = np.empty((len(steps), *drawn.start.shape), np.float32)
     tension, strain = np.empty((2, len(steps), len(drawn.rows)), np.float32)
     slack, broken = np.empty((2, len(steps)), int)
+    hanging = np.empty(tension.shape, bool)
     for k, step in enumerate(steps):
         split_ends = frames.ends(step)[drawn.rows][tuple(drawn.loose.T)]
         N, failed = frames.tension(step), frames.broken(step)
         displacement[k] = frames.positions(step)[np.concatenate([nodes, split_ends])] - drawn.start
         slack[k] = states.count_slack(f, N, ~failed & frames.there)
-        broken[k] = frames.broken_count(step)
+        broken[k], hanging[k] = frames.broken_count(step), states.slack_elements(f, N)[drawn.rows]
         tension[k] = np.where(failed, np.nan, N)[drawn.rows]
         strain[k] = frames.cell("strain", step)[drawn.rows]
     missing = ~frames.there[drawn.rows]
     series = frames.times[steps], displacement, tension, strain, slack, broken, missing
-    return StateSeries("motion", *series, *_support_points(f, drawn))
+    return StateSeries("motion", *series, *_support_points(f, drawn), hanging & (tension > 0.0))

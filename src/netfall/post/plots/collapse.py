@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from netfall.post.plots import canvas
-from netfall.post.plots.force import NEGLIGIBLE_COMPRESSION, add_supports
+from netfall.post.plots.force import NEGLIGIBLE_COMPRESSION, add_supports, shown_forces
 from netfall.results.file import Frames, result_title
 from netfall.results.losses import removal_times
 from netfall.results.states import count_elements, count_slack
@@ -72,7 +72,8 @@ def _draw_stage(
 ) -> None:
     """Draw the elements at a step in the window (2, 3); smaller compressions than `trace` [N] are ignored."""
     stride = max(1, frames.cells // canvas.MAX_DRAWN)
-    present, fields = frames.present(step), (frames.lines(step), frames.tension(step), frames.broken(step))
+    present, forces = frames.present(step), shown_forces(f, frames.tension(step))
+    fields = frames.lines(step), forces, frames.broken(step)
     in_view = within(window, fields[0])
     lines, N, broken, inside = (values[::stride][present[::stride]] for values in (*fields, in_view))
     kinds = (~broken & (N > 0), ~broken & (N < -trace), ~broken & (N <= 0) & (N >= -trace), broken)

@@ -165,7 +165,8 @@ def _open_film(f: h5py.File, reel: Reel, shot: FilmView) -> tuple[Figure, Callab
             artist.remove()
         rows = np.flatnonzero(frames.present(step))
         rows = rows[rows % every == 0]
-        lines, N, broken = (values(step)[rows] for values in (frames.lines, frames.tension, frames.broken))
+        lines, broken = frames.lines(step)[rows], frames.broken(step)[rows]
+        N = force.shown_forces(f, frames.tension(step))[rows]
         inside, width = collapse.within(window, lines), canvas.line_width(len(lines))
         intact = inside & ~broken
         force.add_supports(f, axes, frames.positions(step)[: len(f["net/fixed"])], reel.place(step))

@@ -17,6 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from netfall.post.checks.nodes import held_axes, spring_axes
 from netfall.post.plots import canvas
+from netfall.results.states import slack_elements
 
 OF_MOTION, OF_EQUILIBRIA = (1.0, 99.0), (0.0, 100.0)  # percentiles of the forces, at which the scale ends
 MIN_FORCE_RATIO = 0.5  # smallest / largest force, above which a scale begins at the smallest, not at 0
@@ -85,6 +86,11 @@ def widest(ends: Sequence[tuple[float, float] | None]) -> tuple[float, float] | 
         return None
     low, high = min(pair[0] for pair in pairs), max(pair[1] for pair in pairs)
     return (low, high) if low >= MIN_FORCE_RATIO * high else (0.0, high)
+
+
+def shown_forces(f: h5py.File, N: np.ndarray) -> np.ndarray:
+    """Return the axial forces N (m,) [N], with 0 in slack elements, whose parts hang from each other."""
+    return np.where(slack_elements(f, N), 0.0, N)
 
 
 def add_by_force(axes: Axes, lines: np.ndarray, N: np.ndarray, scale: ForceScale, width: float) -> None:

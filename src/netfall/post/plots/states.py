@@ -85,7 +85,8 @@ def _panels(f: h5py.File, chosen: list[StateView], subtitle: str, factor: float 
     largest = float(np.abs(all_forces).max())
     for axes, state, x, N in zip(panels, chosen, positions, forces):
         present = ~absent(f, state.place)
-        force.add_by_force(axes, x[elements[present]], N[present], scale, canvas.line_width(len(N)))
+        shown = force.shown_forces(f, N)[present]
+        force.add_by_force(axes, x[elements[present]], shown, scale, canvas.line_width(len(N)))
         force.add_supports(f, axes, x, state.place)
         if state.place != results.FORM_GROUP:
             separator = "\n" if len(chosen) > canvas.MAX_IN_TWO_COLUMNS else ": "
@@ -137,7 +138,7 @@ def one_state(f: h5py.File, state: StateView) -> Figure:
     scale, width = force.ForceScale.of(N, force.moving_elements(f)), canvas.line_width(len(N))
     for axes in (left, right):
         force.add_supports(f, axes, x, state.place)
-    force.add_by_force(left, x[elements], N[present], scale, width)
+    force.add_by_force(left, x[elements], force.shown_forces(f, N)[present], scale, width)
     size = np.linalg.norm(displacement, axis=1)
     largest = float(np.nanmax(size, initial=0.0))
     factor = deflection_scale(largest, float(np.ptp(x0, axis=0).max()))
