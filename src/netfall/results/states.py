@@ -103,13 +103,12 @@ class Springs(NamedTuple):
 
 def read_springs(f: Any) -> Springs:
     """Return the springs of a net; k = 0 if it has none."""
-    start, empty, angle = start_position(f), np.zeros((0, 3)), support_angles(f)
-    if "spring" not in f["net"]:
-        return Springs(np.zeros(0, int), empty, empty, start)
-    nodes = np.flatnonzero(f["net/spring"][:].any(1))
+    start, angle = start_position(f), support_angles(f)
+    stiffness = f["net/spring"][:] if "spring" in f["net"] else np.zeros_like(start)
+    nodes = np.flatnonzero(stiffness.any(1))
     rest = np.broadcast_to(f["provenance/net/spring_rest"][:], start.shape)[nodes]
     angle = None if angle is None else angle[nodes]
-    return Springs(nodes, f["net/spring"][:][nodes], to_rotated_axes(rest, angle), start, angle)
+    return Springs(nodes, stiffness[nodes], to_rotated_axes(rest, angle), start, angle)
 
 
 def strain_measure(f: Any) -> str:
