@@ -40,9 +40,9 @@ def suggest(word: str, known: Iterable[str]) -> str:
     return f'did you mean "{matches[0]}"?' if matches else "known: " + ", ".join(known)
 
 
-def format_list(ids: Any) -> str:
+def format_list(ids: Any, most: int = MOST_NAMED) -> str:
     """List the first few ids."""
-    return ", ".join(map(str, ids[:MOST_NAMED])) + (", ..." if len(ids) > MOST_NAMED else "")
+    return ", ".join(map(str, ids[:most])) + (", ..." if len(ids) > most else "")
 
 
 def counted(what: str, ids: Any) -> str:

@@ -274,9 +274,8 @@ def _removable_parts(job: Job, each: str, group: str | list[str] | None, ids: li
     pieces: list[Any] = list(dict.fromkeys(part_of[e] for e in rows))
     unknown = [name for name in ids or [] if name not in pieces]
     if unknown:
-        listed = ", ".join(map(str, pieces[:MAX_NAMED])) + ", ..." * (len(pieces) > MAX_NAMED)
-        value = format_value(unknown[0])
-        raise InputError(messages.UNKNOWN_MEMBER(job=job.path, each=each, value=value, known=listed))
+        known, value = format_list(pieces, MAX_NAMED), format_value(unknown[0])
+        raise InputError(messages.UNKNOWN_MEMBER(job=job.path, each=each, value=value, known=known))
     return pieces if ids is None else ids
 
 

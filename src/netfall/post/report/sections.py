@@ -182,7 +182,7 @@ def at_limits(f: h5py.File) -> list[str]:
 def most_used(f: h5py.File, envelope: states.Envelope, checked: list[cables.ElementCheck]) -> list[str]:
     """Return the table of the elements most used by the first check, symmetric ones in one row."""
     first, ids, cable = checked[0], f["net/element_id"][:], f["net/cable"][:]
-    names, groups = f["net/cable_names"].asstr()[:], f["net/group_names"].asstr()[:][f["net/group"][:]]
+    names, groups = f["net/cable_names"].asstr()[:], cables.element_groups(f)
     ranked = [(e, alike) for e, alike in members(f, first) if np.isfinite(first.utilisation[e])][:SHOWN_ROWS]
     shown = [one for one in checked if any(np.isfinite(one.utilisation[e]) for e, _ in ranked)]
     lines = [

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.messages import count_of
+from netfall.job.values import format_list
 from netfall.results.losses import RESTS, WHERE_SIGNIFICANT
 from netfall.results.warning_text import BALANCE_COLUMNS, MAX_BALANCE_ERROR
 from netfall.study import messages
@@ -72,8 +73,7 @@ def _print_inputs(study: Study, say: Callable[..., Any]) -> None:
 def _values(values: np.ndarray, unit: str) -> str:
     different = np.unique(values)
     if values.dtype == object:
-        listed = ", ".join(different[:MOST_VALUES]) + (", ..." if len(different) > MOST_VALUES else "")
-        return f"{len(different)} ({listed})"
+        return f"{len(different)} ({format_list(different, MOST_VALUES)})"
     if len(different) <= MOST_VALUES:
         return f"{', '.join(f'{v:g}' for v in different)} {unit}".rstrip()
     text = f"{different[0]:.6g} to {different[-1]:.6g} {unit}".rstrip()
@@ -359,8 +359,7 @@ def _losses(study: Study, say: Callable[..., Any]) -> None:
 
 
 def _named(names: np.ndarray) -> str:
-    few = ", ".join(names[:MOST_NAMED]) + (", ..." if len(names) > MOST_NAMED else "")
-    return f" ({few})" if len(names) else ""
+    return f" ({format_list(names, MOST_NAMED)})" if len(names) else ""
 
 
 def _correlations(study: Study, say: Callable[..., Any]) -> None:
