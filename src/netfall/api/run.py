@@ -94,10 +94,7 @@ class _RunFiles:
         self.keep = output is not None
         self.folder = _temporary_folder() if output is None or isinstance(job, dict) else None
         try:
-            if isinstance(job, dict):
-                self.job = _job_file(job, Path(self.prefix))
-            else:
-                self.job = Path(job)
+            self.job = _job_file(job, Path(self.prefix)) if isinstance(job, dict) else Path(job)
         except BaseException:
             if self.folder:
                 self.folder.cleanup()
