@@ -107,13 +107,13 @@ def open_checked(path: Path) -> Iterator[h5py.File]:
         yield file
 
 
-def element_name(f: h5py.File, e: int) -> str:
-    """Return the id of an element with the ids of its nodes.
+def element_name(net: Any, e: int) -> str:
+    """Return the id of an element with the ids of its nodes; net : datasets of /net by name.
 
     The elements of a subdivided cable share its id and differ in their nodes.
     """
-    a, b = (f["net/node_id"][p] for p in f["net/elements"][e])
-    return f"{f['net/element_id'][e]} ({a}-{b})"
+    a, b = (net["node_id"][p] for p in net["elements"][e])
+    return f"{net['element_id'][e]} ({a}-{b})"
 
 
 def form_finding_lines(f: h5py.File) -> list[str]:

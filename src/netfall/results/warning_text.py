@@ -238,10 +238,10 @@ def overload_warnings_of(f: Any) -> Iterator[str]:
         rows = np.flatnonzero(most > OVERLOADED_TENSION * bound)
         if len(rows):
             e = rows[np.argmax(most[rows] / bound[rows])]
-            count, name, tension, time = count_of(len(rows), "element"), element_name(f, e), most[e], times[e]
+            count, name = count_of(len(rows), "element"), element_name(f["net"], e)
             fracture = f", fracture at t = {broke[e]:.4g} s" if np.isfinite(broke[e]) else ""
             yield message(
-                count=count, element=name, tension=tension, time=time, bound=bound[e], fracture=fracture
+                count=count, element=name, tension=most[e], time=times[e], bound=bound[e], fracture=fracture
             )
 
 

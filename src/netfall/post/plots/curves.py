@@ -172,7 +172,7 @@ def tensions(f: h5py.File) -> Figure:
             end = np.fmin(broken[e], removal_time[e])
             note = f", {'breaks' if end == broken[e] else 'removed'} at {end:.3f} s" if end >= 0 else ""
             intact, colour = ~(t > end), f"C{k % 10}"
-            label = f"element {element_name(f, e)}{note}"
+            label = f"element {element_name(f['net'], e)}{note}"
             axes.plot(t[intact], factor * N[intact], lw=1, color=colour, label=label)
             axes.plot(t[~intact], factor * N[~intact], lw=0.5, color=colour, alpha=0.35)
         values = factor * np.concatenate([curves[k][1] for k in rows])

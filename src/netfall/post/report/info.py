@@ -199,7 +199,7 @@ def _dynamics(f: h5py.File) -> Iterator[str]:
         yield f"  mass scaling: {p['added_mass']:.4g} kg of inertia added"
     for name in [k[6:] for k in p if k.startswith("limit_") and not k.endswith("_element")]:
         e = p[f"limit_{name}_element"]
-        element = f" (element {file.element_name(f, e)})" if e >= 0 else ""
+        element = f" (element {file.element_name(f['net'], e)})" if e >= 0 else ""
         yield f"  step limit {name.replace('_', ' ')}: {p['limit_' + name]:.4g} s{element}"
 
 
@@ -239,7 +239,7 @@ def _fractures(f: h5py.File) -> Iterator[str]:
         split = "" if e["new_particle"][k] >= 0 else ", nothing split"
         yield (
             f"  t = {e['time'][k]:.5f} s, step {e['step'][k]}: element "
-            f"{file.element_name(f, e['element'][k])} at node {e['node_id'][k]}{split}, "
+            f"{file.element_name(f['net'], e['element'][k])} at node {e['node_id'][k]}{split}, "
             f"strain {e['strain'][k]:.4f}"
         )
     if len(e["time"]) > FIRST_EVENTS:

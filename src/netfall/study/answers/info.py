@@ -9,6 +9,7 @@ import numpy as np
 
 from netfall.core.messages import count_of
 from netfall.job.values import format_list
+from netfall.results.file import element_name
 from netfall.results.losses import RESTS, WHERE_SIGNIFICANT
 from netfall.results.warning_text import BALANCE_COLUMNS, MAX_BALANCE_ERROR
 from netfall.study import messages
@@ -313,7 +314,7 @@ def _elements(study: Study, say: Callable[..., Any]) -> None:
         ("break at all", study.breaks, ran),
     ):
         rows = np.argsort(-counts, kind="stable")[:MOST_NAMED]
-        named = [f"{study.element(e)} in {counts[e]}" for e in rows if counts[e]]
+        named = [f"{element_name(study.net, e)} in {counts[e]}" for e in rows if counts[e]]
         if named:
             runs = "samples that broke" if of is broke else "samples that finished"
             say(f"{what}, of {of} {runs}: element " + ", ".join(named))

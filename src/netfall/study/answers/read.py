@@ -41,11 +41,6 @@ class Study:
     drawn: list[str] | None = None
     removes: str = ""
 
-    def element(self, e: int) -> str:
-        """Return the id of an element, with the ids of its nodes."""
-        a, b = self.net["node_id"][self.net["elements"][e]]
-        return f"{self.net['element_id'][e]} ({a}-{b})"
-
     def break_shares(self) -> list[tuple[str, np.ndarray]]:
         """Return the shares (m,) of samples in which each element breaks first, and breaks, with names.
 
