@@ -31,8 +31,10 @@ class DynamicEnvelope:
     """The envelope of one rank. Its rows have the order of TENSION and DISPLACEMENT.
 
     tension : (4, m); displacement : (2, n_owned)
-    reaction : (8, h) [N] highest components, lowest components, largest magnitude and its time [s]
+    reaction : (10, h) [N] highest components, lowest components, largest magnitude and its time [s], highest
+        and lowest force of the only element so far
     supports : (h,) rows of the particles with a support, rigid, elastic or guided
+    anchored : (2, h) their only elements, as in `explicit.sampling.Rows`
     moment : (m,) [N m] the largest bending moment, nan: no bending; None: no bending chains
     """
 
@@ -43,8 +45,13 @@ class DynamicEnvelope:
         if state.turned is not None:
             held[:, 0] |= state.turned[:, :2].any(1)
         self.supports = np.flatnonzero(held[: subdomain.n_owned].any(1))
-        self.reaction = np.full((8, len(self.supports)), -np.inf)
-        self.reaction[3:6] = np.inf
+        ends, elements = subdomain.ends.astype(np.int64), np.full(state.n_local, -1)
+        elements[ends] = np.arange(len(ends))[:, None]
+        single = np.bincount(ends.ravel(), minlength=state.n_local)[self.supports] == 1
+        only = np.where(single & (state.joints is None), elements[self.supports], -1)
+        self.anchored = np.stack([only, ends[only].sum(1) - self.supports])
+        self.reaction = np.full((10, len(self.supports)), -np.inf)
+        self.reaction[3:6] = self.reaction[9] = np.inf
         # Not np.zeros: on untouched pages a masked store costs some hundred cycles.
         self.tension = np.full((len(TENSION), len(subdomain.element_gid)), 0.0)
         self.tension[0], self.tension[2] = -np.inf, np.inf
@@ -156,6 +163,7 @@ class RowTable:
             displacement=self.envelope.displacement,
             moment=empty(f8) if self.envelope.moment is None else self.envelope.moment,
             supports=self.envelope.supports,
+            anchored=self.envelope.anchored,
             reaction=self.envelope.reaction,
             update_moments=update_moments.address_if(self.envelope.moment is not None),
             joint_at=empty(i8_2) if state.joint_at is None else state.joint_at,

@@ -19,6 +19,7 @@ from netfall.explicit.energy_check import ObservationArrays, ObservedState
 from netfall.explicit.forces import Scratch
 from netfall.explicit.motion import total_forces
 from netfall.physics.bending import joint_moment
+from netfall.physics.element_step import LENGTH2_OFFSET
 from netfall.physics.elements import ElementState
 from netfall.physics.fields import Elements, Particles
 
@@ -68,8 +69,9 @@ class Rows(Record):
     every : counted steps after which the envelope is updated if no row is made
     last : (1,) number of the step of the last envelope update
     element_gid : (m,); joint_at : (m, 2) joints at both ends of elements, as in `State`
-    tension : (4, m), displacement : (2, n_owned), moment : (m,), reaction : (8, h), as in `explicit.rows`
+    tension : (4, m), displacement : (2, n_owned), moment : (m,), reaction : (10, h), as in `explicit.rows`
     supports : (h,) rows of the particles with a support
+    anchored : (2, h) the only element at each of them, -1: several or none, and the row of its far end
     update_moments : address of this routine; 0 without moments
     """
 
@@ -83,6 +85,7 @@ class Rows(Record):
     displacement: f8_2
     moment: f8
     supports: i8
+    anchored: i8_2
     reaction: f8_2
     update_moments: whole
     joint_at: i8_2
@@ -188,6 +191,39 @@ def update_particle_envelope(p: int, time: float, rows: Rows) -> None:
 
 @copied_kernel
 def update_reaction_envelope(i: int, time: float, share: float, rows: Rows, scratch: Scratch) -> None:
+    """Include the reaction of support i at a time [s], and those at new peaks of its only element until then.
+
+    Arguments as in `include_reaction`.
+    """
+    for peak in range(3):
+        if peak == 0 or write_new_peak(i, peak, rows, scratch.f):
+            include_reaction(i, time, share, rows, scratch)
+
+
+@part_of_kernel
+def write_new_peak(i: int, peak: int, rows: Rows, f: FloatArray) -> bool:
+    """Write the force [N] of the only element at support i to f (3, ...) if its extreme is new; return that.
+
+    peak : 1 for the highest axial force since the start, 2 for the lowest. It acts along the present element.
+    """
+    e, far, p, elements = rows.anchored[0, i], rows.anchored[1, i], rows.supports[i], rows.subject.elements
+    x, is_new, N = rows.subject.particles.x, False, 0.0
+    if e >= 0 and peak == 1 and is_present(elements.highest):
+        N = elements.highest[e]
+        is_new = N > rows.reaction[8, i]
+    if e >= 0 and peak == 2 and is_present(elements.lowest):
+        N = elements.lowest[e]
+        is_new = N < rows.reaction[9, i]
+    if is_new:
+        rows.reaction[7 + peak, i] = N
+        dx, dy, dz = x[0, far] - x[0, p], x[1, far] - x[1, p], x[2, far] - x[2, p]
+        q = N / max(math.sqrt(dx * dx + dy * dy + dz * dz), LENGTH2_OFFSET)
+        f[0, 0], f[1, 0], f[2, 0] = q * dx, q * dy, q * dz
+    return is_new
+
+
+@copied_kernel
+def include_reaction(i: int, time: float, share: float, rows: Rows, scratch: Scratch) -> None:
     """Include the reaction of support i at a time [s], as of `statics.reactions.compute_balance`.
 
     share : position between two samples of the loads; scratch.f : (3, ...) internal forces [N] on it

@@ -349,7 +349,8 @@ def _reactions(f: h5py.File, table: dict[str, np.ndarray]) -> list[str]:
         lines += [
             f"Largest in motion: {md.force(largest[top])} at node {id_of[top]}, "
             f"t = {e['reaction_max_time'][top]:.4g} s, over rows of the history and at least every 50 steps;",
-            "shorter peaks appear only in the tensions. Extremes of the components at one support:",
+            "shorter peaks count at supports of one element, others appear only in the tensions.",
+            "Extremes of the components at one support:",
         ]
         for k, axis in enumerate("xyz"):
             held = np.flatnonzero((low[:, k] != 0.0) | (high[:, k] != 0.0))
