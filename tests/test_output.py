@@ -1,7 +1,10 @@
 """The result file: read by VTK as in ParaView, complete by the contract, whole or absent; pictures, text."""
 
+import os
+import pty
 import re
 import subprocess
+import termios
 from functools import cache
 from itertools import combinations, pairwise
 from pathlib import Path
@@ -21,6 +24,7 @@ from nets import MAST, STORM, bare_saddle, mast_and_ring, saddle, stage
 from PIL import Image
 
 from netfall.core.errors import InputError
+from netfall.core.progress import Progress
 from netfall.driver.check import HISTORY_COPIES
 from netfall.driver.setup import ranks_line, ranks_notes, steps_time
 from netfall.exchange.export import export
@@ -642,6 +646,19 @@ def test_progress_is_plain_lines_without_a_terminal(workshop):
     assert all(words in line for words in ("t = 0.050 s", "steps/s", "left", "slack 0", "broken 0"))
     quiet = run_on_standing_ranks("run", job, "-o", workshop.folder / "x.vtkhdf", "--quiet")
     assert quiet.stdout == "" and quiet.stderr == ""
+
+
+def test_a_terminal_of_80_columns_shows_all_of_the_progress(monkeypatch):
+    """The bar is as wide as the text leaves it, so that counts of slack and broken elements are visible."""
+    reader, terminal = pty.openpty()
+    termios.tcsetwinsize(terminal, (24, 80))
+    with os.fdopen(terminal, "w", encoding="utf-8") as screen:
+        monkeypatch.setattr("sys.stdout", screen)
+        progress = Progress(True)
+        progress.at(1.0, "t = 1000.000 s", 100_000, "steps", "slack 12, broken 7")
+        progress.end()
+        assert os.read(reader, 4096).decode().rstrip().endswith("slack 12, broken 7")
+    os.close(reader)
 
 
 def test_a_full_disk_is_an_error_of_one_line(workshop, ranks=2):

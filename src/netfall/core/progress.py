@@ -126,7 +126,7 @@ class Progress:
         if self._bar is None:
             from tqdm import tqdm  # imported here: it takes 0.04 s, which runs without a terminal save
 
-            how = "{percentage:3.0f} % |{bar:24}| {desc}"
+            how = "{percentage:3.0f} % |{bar}| {desc}"
             self._bar = tqdm(total=100, file=self.stream, bar_format=how, leave=True)
         if now - self._last >= DRAW_EVERY or share >= 1.0:
             self._bar.n = 100 * share
