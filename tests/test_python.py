@@ -322,6 +322,20 @@ def test_columns_of_a_net_accept_values_of_a_cell():
     assert table["load_z"].tolist() == [0.0, None, 1.0]
 
 
+def test_masked_cells_of_a_net_are_empty():
+    """The values behind the mask of a numpy array, as netCDF libraries give it, are not used."""
+    arrays = {"nodes": np.zeros((3, 3)), "elements": [[0, 1], [1, 2]]}
+    loads = np.ma.masked_array([0.0, 9e9, 1.0], mask=[False, True, False])
+    table = netfall.Net(**arrays, node_columns={"load_z": loads}).node_table()
+    assert table["load_z"].tolist() == [0.0, None, 1.0]
+    for name in ("nodes", "elements", "fixed"):
+        masked = np.ma.masked_array(arrays.get(name, np.zeros(3, int)), mask=False)
+        masked[0] = np.ma.masked
+        net = netfall.Net(**arrays | {name: masked})
+        with pytest.raises(netfall.InputError, match=f"Net: {name} has the shape .* of object"):
+            net.element_table() if name == "elements" else net.node_table()
+
+
 def test_columns_do_not_replace_the_arrays_of_a_net():
     """A column cannot repeat nodes, elements, fixed, groups or ids; one error names all."""
     arrays = {"nodes": np.zeros((2, 3)), "elements": [[0, 1]], "groups": "a"}

@@ -80,8 +80,10 @@ def _array(name: str, values: Any, columns: int, kind: type) -> np.ndarray:
 
 
 def _as_array(name: str, values: Any) -> np.ndarray:
-    """Return values as an array. Raises InputError if its rows differ in length."""
+    """Return values as an array, None for masked cells. Raises InputError if its rows differ in length."""
     try:
+        if np.ma.is_masked(values):
+            return np.where(np.ma.getmaskarray(values), None, values.data)
         return np.asarray(values)
     except ValueError:
         raise InputError(messages.RAGGED_ARRAY(name=name)) from None
