@@ -83,7 +83,7 @@ def _as_array(name: str, values: Any) -> np.ndarray:
     """Return values as an array, None for masked cells. Raises InputError if its rows differ in length."""
     try:
         if np.ma.is_masked(values):
-            return np.where(np.ma.getmaskarray(values), None, values.data)
+            return np.array(np.ma.asarray(values).tolist(), object)
         return np.asarray(values)
     except ValueError:
         raise InputError(messages.RAGGED_ARRAY(name=name)) from None

@@ -206,8 +206,8 @@ def write_new_peak(i: int, peak: int, rows: Rows, f: FloatArray) -> bool:
 
     peak : 1 for the highest axial force since the start, 2 for the lowest. It acts along the present element.
     """
-    e, far, p, elements = rows.anchored[0, i], rows.anchored[1, i], rows.supports[i], rows.subject.elements
-    x, is_new, N = rows.subject.particles.x, False, 0.0
+    e, far, p, elements = rows.anchored[0, i], rows.anchored[1, i], rows.supports[i], rows.observed.elements
+    x, is_new, N = rows.observed.particles.x, False, 0.0
     if e >= 0 and peak == 1 and is_present(elements.highest):
         N = elements.highest[e]
         is_new = N > rows.reaction[8, i]
