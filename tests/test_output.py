@@ -637,6 +637,15 @@ def test_of_many_cases_the_governing_ones_are_drawn():
     assert drawn == [*range(20), 25, 27, 28, 29]
 
 
+def test_a_matplotlibrc_of_the_user_does_not_change_pictures(tmp_path):
+    """Pictures have the settings of netfall, not LaTeX, a decimal comma or simplified lines."""
+    (tmp_path / "matplotlibrc").write_text("text.usetex: True\npath.simplify_threshold: 1.0\n")
+    names = "'text.usetex', 'path.simplify_threshold', 'axes.titlesize'"
+    code = "from netfall.post.plots.canvas import plt; print(*map(plt.rcParams.get, (" + names + ")))"
+    done = run_process(BIN / "python", "-c", code, environment=ENVIRONMENT | {"MATPLOTLIBRC": str(tmp_path)})
+    assert done.stdout.split() == ["False", str(1 / 9), "9.0"]
+
+
 def test_progress_is_plain_lines_without_a_terminal(workshop):
     """Progress has no bar, although mpirun gives each rank a terminal. --quiet prints nothing."""
     job = workshop.job(STILL + "[dynamics]\nduration = 0.05\n")

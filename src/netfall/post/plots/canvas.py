@@ -47,7 +47,7 @@ STYLE: dict[str, Any] = {
     "grid.alpha": 0.3,
     "axes.prop_cycle": cycler(color=CYCLE),
 }
-plt.style.use(STYLE)
+plt.style.use(["default", STYLE])  # a matplotlibrc of the user must not change pictures
 NO_VALUE_COLOUR = "#b8b8b8"  # elements without a value
 BROKEN = "#d62728"  # broken, removed or faulty elements; no group has this red
 SUPPORT_COLOUR = "#111111"
