@@ -266,3 +266,15 @@ def test_supports_of_a_beam_have_its_shear(workshop):
         force = dict(zip(table["node"][of_stage], table["force_z"][of_stage]))
         assert force[0] == pytest.approx(-500.0, rel=1e-5), stage
         assert force[4] == pytest.approx(-500.0, rel=1e-5), stage
+
+
+def test_the_peak_reaction_of_a_broken_cable_has_the_direction_from_before_the_fracture(workshop):
+    """Two cables at a slope of 4 in 3 break between rows, and their weight falls away from its supports."""
+    nodes = "id,x,y,z,fixed,load_z,mass\n1,-3,0,4,1,0,0\n2,3,0,4,1,0,0\n3,0,0,0,0,-1000,100\n"
+    text = "[cable]\naxial_stiffness = 1e6\nmass_per_length = 1e-3\nbreaking_load = 1000.0\n"
+    text += "[load]\nself_weight = false\nsteps = 0\n[dynamics]\nduration = 1.0\nfragments = false\n"
+    f = workshop.solve(text + "[output]\nhistory_interval = 0.5\n", nodes, "start,end\n1,3\n2,3\n")
+    e = f["envelope"]
+    assert f["events/element"][:].tolist() == [0, 1]
+    assert e["reaction_max"][:2] == pytest.approx(e["tension_max"][:], rel=1e-12)
+    assert e["reaction_lowest"][:2, 2] == pytest.approx(-0.8 * e["tension_max"][:], rel=0.01)

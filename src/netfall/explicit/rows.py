@@ -31,8 +31,8 @@ class DynamicEnvelope:
     """The envelope of one rank. Its rows have the order of TENSION and DISPLACEMENT.
 
     tension : (4, m); displacement : (2, n_owned)
-    reaction : (10, h) [N] highest components, lowest components, largest magnitude and its time [s], highest
-        and lowest force of the only element so far
+    reaction : (13, h) [N] highest components, lowest components, largest magnitude and its time [s], highest
+        and lowest force of the only element so far, unit vector along it
     supports : (h,) rows of the particles with a support, rigid, elastic or guided
     anchored : (2, h) their only elements, as in `explicit.sampling.Rows`
     moment : (m,) [N m] the largest bending moment, nan: no bending; None: no bending chains
@@ -50,8 +50,9 @@ class DynamicEnvelope:
         single = np.bincount(ends.ravel(), minlength=state.n_local)[self.supports] == 1
         only = np.where(single & (state.joints is None), elements[self.supports], -1)
         self.anchored = np.stack([only, ends[only].sum(1) - self.supports])
-        self.reaction = np.full((10, len(self.supports)), -np.inf)
+        self.reaction = np.full((13, len(self.supports)), -np.inf)
         self.reaction[3:6] = self.reaction[9] = np.inf
+        self.reaction[10:] = 0.0
         # Not np.zeros: on untouched pages a masked store costs some hundred cycles.
         self.tension = np.full((len(TENSION), len(subdomain.element_gid)), 0.0)
         self.tension[0], self.tension[2] = -np.inf, np.inf

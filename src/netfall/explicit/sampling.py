@@ -69,7 +69,7 @@ class Rows(Record):
     every : counted steps after which the envelope is updated if no row is made
     last : (1,) number of the step of the last envelope update
     element_gid : (m,); joint_at : (m, 2) joints at both ends of elements, as in `State`
-    tension : (4, m), displacement : (2, n_owned), moment : (m,), reaction : (10, h), as in `explicit.rows`
+    tension : (4, m), displacement : (2, n_owned), moment : (m,), reaction : (13, h), as in `explicit.rows`
     supports : (h,) rows of the particles with a support
     anchored : (2, h) the only element at each of them, -1: several or none, and the row of its far end
     update_moments : address of this routine; 0 without moments
@@ -204,11 +204,16 @@ def update_reaction_envelope(i: int, time: float, share: float, rows: Rows, scra
 def write_new_peak(i: int, peak: int, rows: Rows, f: FloatArray) -> bool:
     """Write the force [N] of the only element at support i to f (3, ...) if its extreme is new; return that.
 
-    peak : 1 for the highest axial force since the start, 2 for the lowest. It acts along the present element.
+    peak : 1 for the highest axial force since the start, 2 for the lowest. The direction is the present one,
+        or for a broken element that of the last update before, since its far end may have moved far.
     """
     e, far, p, elements = rows.anchored[0, i], rows.anchored[1, i], rows.supports[i], rows.observed.elements
-    x, is_new, N = rows.observed.particles.x, False, 0.0
+    x, is_new, N, direction = rows.observed.particles.x, False, 0.0, rows.reaction[10:, i]
     if e >= 0 and peak == 1 and is_present(elements.highest):
+        if elements.broken[e] == 0:
+            dx, dy, dz = x[0, far] - x[0, p], x[1, far] - x[1, p], x[2, far] - x[2, p]
+            L = max(math.sqrt(dx * dx + dy * dy + dz * dz), LENGTH2_OFFSET)
+            direction[0], direction[1], direction[2] = dx / L, dy / L, dz / L
         N = elements.highest[e]
         is_new = N > rows.reaction[8, i]
     if e >= 0 and peak == 2 and is_present(elements.lowest):
@@ -216,9 +221,8 @@ def write_new_peak(i: int, peak: int, rows: Rows, f: FloatArray) -> bool:
         is_new = N < rows.reaction[9, i]
     if is_new:
         rows.reaction[7 + peak, i] = N
-        dx, dy, dz = x[0, far] - x[0, p], x[1, far] - x[1, p], x[2, far] - x[2, p]
-        q = N / max(math.sqrt(dx * dx + dy * dy + dz * dz), LENGTH2_OFFSET)
-        f[0, 0], f[1, 0], f[2, 0] = q * dx, q * dy, q * dz
+        for k in range(3):
+            f[k, 0] = N * direction[k]
     return is_new
 
 
