@@ -668,6 +668,18 @@ def test_the_page_describes_each_table(loaded, snowed):
         assert names and [name for name in names if f"- `{name}`: " not in page] == []
 
 
+def test_a_report_removes_what_only_an_earlier_one_has(loaded):
+    """Moments of an earlier run must not pass for those of this one. The page names only its own tables."""
+    page = report_of(loaded) / "summary.md"
+    assert "moments.csv" not in page.read_text() and "slides.csv" not in page.read_text()
+    with page.open("a") as file:
+        file.write("- `moments.csv`: one row\n![the form](form.png)\n")
+    for name in ("moments.csv", "form.png", "slides.csv"):
+        page.with_name(name).write_text("")
+    names = {path.name for path in report_of(loaded).iterdir()}
+    assert not names & {"moments.csv", "form.png"} and "slides.csv" in names  # this one is the user's
+
+
 @pytest.mark.parametrize(
     "option, value, message",
     [

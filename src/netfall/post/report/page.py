@@ -1,6 +1,7 @@
 """Page summary.md of a report: the run, governing members, factors of the checks; numbers have units."""
 
 from collections import Counter
+from collections.abc import Collection
 from itertools import compress
 from pathlib import Path
 
@@ -100,7 +101,7 @@ def summary(
         "Reactions": _reactions(f, tables["reactions.csv"]),
         "Cutting list": _cutting(f, tables["cutting_list.csv"], cutting),
         "Shop list": _shop(f, tables["shop_list.csv"]),
-        "Tables": _tables(f),
+        "Tables": _tables(f, tables),
     }
     verdict = _not_passed(tables["checks.csv"], sections["Limits in service"] or [])
     parts = [[md.heading(1, file.result_title(f) or result.stem), "", *_run_lines(f, result, verdict)]]
@@ -401,10 +402,10 @@ def _shop(f: h5py.File, table: dict[str, np.ndarray]) -> list[str]:
     ]
 
 
-def _tables(f: h5py.File) -> list[str]:
-    """Return the list of the tables with their columns."""
-    start = states.start_name(f)
-    lines = [md.markup("- {}: " + text, md.code(name), start=start) for name, text in COLUMNS.items()]
+def _tables(f: h5py.File, tables: Collection[str]) -> list[str]:
+    """Return the list of the tables that the report has, with their columns."""
+    start, described = states.start_name(f), [item for item in COLUMNS.items() if item[0] in tables]
+    lines = [md.markup("- {}: " + text, md.code(name), start=start) for name, text in described]
     return [
         *lines,
         "",

@@ -43,6 +43,7 @@ from netfall.results.states import Envelope, compute_envelope
 
 CELL = re.compile(r"<t[dh]\b.*?</t[dh]>")  # table cell; long names in it may break after a _
 PICTURE_WIDTH = 660  # pixels; width of pictures in word processors, while browsers fit them to the window
+OPTIONAL = ("moments.csv", "slides.csv", "form.png", "stages.png", "moments.png", "dynamic_factors.png")
 PAGE = Path(__file__).with_name("page.html")
 
 
@@ -110,12 +111,22 @@ def write_report(
         pictures = _pictures(f, envelope, checked, tables, folder)
         title = result_title(f) or result.stem
         pages = {"summary.md": text, "report.html": one_page(text, title, folder, pictures)}
+    _remove_earlier(folder, {*tables, *pictures})
     for name, page in pages.items():
         with whole(folder / name) as temporary:
             temporary.write_text(page, encoding="utf-8", errors="surrogateescape")
     for line in warnings + notes:
         say(line)
     return [folder / name for name in (*pages, *tables, *pictures)]
+
+
+def _remove_earlier(folder: Path, names: set[str]) -> None:
+    """Remove the files of an earlier report in this folder that are not among the names of this one."""
+    page = folder / "summary.md"
+    earlier = page.read_text(errors="replace") if page.exists() else ""
+    for name in OPTIONAL:
+        if name in earlier and name not in names:
+            (folder / name).unlink(missing_ok=True)
 
 
 def _tables(
