@@ -594,6 +594,17 @@ def test_removed_elements_are_not_exported(tmp_path):
     assert [e.dxf.layer for e in lines] == ["hanging"] * 4 + ["bracing"] * 2
 
 
+def test_export_and_import_end_with_the_number_of_their_warnings(broken, tmp_path):
+    drawing = tmp_path / "form.dxf"
+    for command in (
+        ("export", broken, "-o", drawing),
+        ("import", drawing, "-o", tmp_path / "net", "--supports", "supports"),
+    ):
+        output = run_on_standing_ranks(*command).stdout.splitlines()
+        count = sum(line.strip().startswith("warning: ") for line in output)
+        assert output[-1].startswith(f"{count} warning")
+
+
 @pytest.mark.parametrize("ending", ["dxf", "json", "vtu"])
 def test_an_exported_form_is_imported_as_the_same_net(broken, tmp_path, ending):
     """Positions, elements and supports."""

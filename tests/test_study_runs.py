@@ -538,6 +538,7 @@ def test_run_and_study_agree_on_jobs_without_equilibrium(tmp_path):
         in output
     )
     assert ", of which 2 not stable" in output and "one draw of gusts" not in output
+    assert re.match(r"\d+ warnings?\b", output.splitlines()[-1])
 
 
 def test_the_balance_of_a_sample_is_the_worst_of_its_history(tmp_path, capsys):

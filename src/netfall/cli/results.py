@@ -1,5 +1,6 @@
 """Commands on results and on nets of other programs: print, draw, view, report, import, export. No MPI."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -7,7 +8,7 @@ from netfall.cli import messages
 from netfall.cli import options as take
 from netfall.cli.options import JSON, RESULT, command, flag, option, to_file, to_folder
 from netfall.core.errors import InputError
-from netfall.core.messages import is_warning, warning_count
+from netfall.core.messages import is_warning, say_counted, warning_count
 from netfall.core.progress import print_lines
 from netfall.exchange.formats import endings
 
@@ -26,7 +27,7 @@ def info(result: Path, json: bool) -> None:
             raise InputError(messages.JSON_OF_STUDY(path=result))
         from netfall.study.answers.info import print_study
 
-        print_study(result, print_lines)
+        say_counted(partial(print_study, result), print_lines)
     elif json:
         from netfall.post.report.info import print_info_json
 
@@ -205,7 +206,8 @@ def import_(drawing: Path, folder: Path, **chosen: Any) -> None:
     from netfall.exchange.drawings.importing import import_file
     from netfall.exchange.drawings.reading import ImportOptions
 
-    import_file(drawing, folder, ImportOptions(**chosen), print_lines)
+    options = ImportOptions(**chosen)
+    say_counted(lambda say: import_file(drawing, folder, options, say), print_lines)
 
 
 @command(
@@ -232,4 +234,4 @@ def export(result: Path, output: Path, **wanted: Any) -> None:
     """
     from netfall.exchange.export import export as write
 
-    write(result, output, print_lines, **wanted)
+    say_counted(lambda say: write(result, output, say, **wanted), print_lines)
