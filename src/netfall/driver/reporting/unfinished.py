@@ -6,6 +6,7 @@ import numpy as np
 
 from netfall.core.arrays import FloatArray
 from netfall.core.functions import lengths
+from netfall.core.messages import count_of
 from netfall.driver import messages
 from netfall.job.derived import dynamic_settings, gust_ramp, has_growing_pressure, load_settings
 from netfall.job.job import Job
@@ -46,12 +47,9 @@ def _events(job: Job, model: Model, duration: float) -> Iterator[tuple[str, floa
             late = np.isin(supports, course[reached & (motion.delay >= duration)]).sum()
             delay, (ends, share) = motion.delay[reached].max(), _strong_motion(motion, record)
             to_come = share[ends + delay > duration].max(initial=0.0)
-            yield (
-                f"[[motion]] {record + 1}",
-                delay + ends.max(initial=0.0),
-                f"up to {to_come:.0%} of its largest acceleration or velocity is still to come, and supports "
-                f"that do not move yet: {late}",
-            )
+            words = f"up to {to_come:.0%} of its largest acceleration or velocity is still to come"
+            words += f", and {count_of(late, 'support')} did not move yet" if late else ""
+            yield f"[[motion]] {record + 1}", delay + ends.max(initial=0.0), words
 
 
 def _strong_motion(motion: Motion, record: int) -> tuple[FloatArray, FloatArray]:
