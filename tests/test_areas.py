@@ -571,7 +571,6 @@ def test_wrong_lines_are_named_by_row_and_id(workshop):
     place = workshop.folder / "panels.csv"
     assert error_lines(roof_from, workshop, LINED, RINGS, TWO_RINGS) == [
         f"{place}: line 4: start = 'x': expected an integer [E187]",
-        f"{place}: line 4: start = 0: no such node in nodes.csv. Give the id of one. [E202]",
         f"{place}: line 2: end = 99: no such node in nodes.csv. Give the id of one. [E202]",
         f"{place}: line 3: start and end are both node 2. Give two different nodes. [E201]",
     ]
