@@ -354,9 +354,10 @@ def test_the_force_at_an_end_includes_half_of_the_line_load(workshop):
         assert [max(high[0], -low[0]), -low[1]] == pytest.approx(expected, rel=1e-5), name
 
 
-def test_no_stage_of_erection_counts_in_service(workshop):
-    """The first stage of a given geometry did, in place of the form, whatever acts in it."""
-    text = CASES + '[combinations]\n"B" = {kind = "SLS", snow = 1.0}\n[[stage]]\nname = "lift"\n'
+@pytest.mark.parametrize("form", ["", '[form_finding]\nmethod = "given_geometry"\n'])
+def test_neither_stages_of_erection_nor_the_form_before_them_count_in_service(workshop, form):
+    """The structure is never in the state of that form. The first state is a stage, or the form."""
+    text = CASES + form + '[combinations]\n"B" = {kind = "SLS", snow = 1.0}\n[[stage]]\nname = "lift"\n'
     workshop.solve(text, ROOFED, ELEMENTS.format(ROWS)).close()
     in_service = "\nOf kind SLS. The largest tension of each element in: permanent loads; combination B.\n"
     assert in_service in workshop.report().page

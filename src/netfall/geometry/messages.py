@@ -426,8 +426,8 @@ COVERED_ZONE = Message(
 )
 INEXACT_ZONE = Message(
     "W299",
-    "zone {name}: of its {area:.4g} m2 in plan {outside:.4g} m2 ({share:.1%}) lie outside its polygon; "
-    "{remaining:.4g} m2 inside do not belong to it. Set cut = true.",
+    "zone {name}, start geometry: of its {area:.4g} m2 in plan {outside:.4g} m2 ({share:.1%}) lie outside "
+    "its polygon; {remaining:.4g} m2 inside do not belong to it. Set cut = true.",
     "With cut = false a zone takes nodes with their whole area. cut = true takes the part of each area that "
     "lies inside the polygon.",
 )

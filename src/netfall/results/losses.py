@@ -209,16 +209,19 @@ def largest_after_removals(f: Any) -> dict[str, np.ndarray]:
     }
 
 
-def worst_removals(f: Any, resistance: np.ndarray, count: int) -> list[tuple[int, int]]:
+def worst_removals(
+    f: Any, resistance: np.ndarray, end_weight: np.ndarray, count: int
+) -> list[tuple[int, int]]:
     """Return removal and element with the highest utilisation of a resistance (m,) [N], worst first.
 
+    end_weight : (m,) [N], what the force at an end exceeds that in the middle by
     If no element has a resistance, the largest tensions count. Each cable appears once per removal. Entries
     at the same time count as one removal.
     """
-    removal, cable = f["removal"], f["net/cable"][:]
-    candidates = []
+    removal, cable, candidates = f["removal"], f["net/cable"][:], []
     for k in np.unique(removal["time"][:], return_index=True)[1]:
-        utilisation = removal["tension_highest"][k] / (resistance if np.isfinite(resistance).any() else 1.0)
+        at_end = removal["tension_highest"][k] + end_weight
+        utilisation = at_end / (resistance if np.isfinite(resistance).any() else 1.0)
         rows = _largest_of_each(np.where(utilisation > 0.0, utilisation, np.nan), cable, count)
         candidates += [(float(utilisation[e]), int(k), int(e)) for e in rows]
     return [(k, e) for _, k, e in sorted(candidates, key=lambda candidate: -candidate[0])[:count]]

@@ -63,7 +63,7 @@ class Worker:
         self.since: dict[int, float] = {}
         self.slots, self.ready, self.begin, self.heard = slots, False, time.monotonic(), bytearray()
         self.most = 0
-        self.complaints = tempfile.TemporaryFile("w+")
+        self.complaints = tempfile.TemporaryFile("w+", errors="replace")
         try:
             self.process = subprocess.Popen(
                 command,

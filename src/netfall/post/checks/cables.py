@@ -43,17 +43,17 @@ UNVERIFIED_STATES = {  # of an equilibrium, also after a member removal: reason 
 def stage_kinds(f: h5py.File, envelope: Envelope) -> np.ndarray:
     """Return the kind of case (`results.file.Case`) of each stage in an envelope, PERMANENT, or "".
 
-    The form counts as PERMANENT, the first stage of erection of a given geometry does not.
+    The form counts as PERMANENT, unless stages of erection follow: the structure is never in that state.
     """
     kinds = {case.shown.place: case.kind for case in read_cases(f)} | {PERMANENT: PERMANENT}
-    first = "" if envelope.places[0].startswith("stages/") else PERMANENT
+    first = "" if any(path.startswith("stages/") for path in envelope.places) else PERMANENT
     return np.array([first, *(kinds.get(path, "") for path in envelope.places[1:])], object)
 
 
 def counted(kinds: np.ndarray, kind: str) -> np.ndarray:
     """Select the stages (stages,) that count in checks of a kind; kinds : from `stage_kinds`.
 
-    If the job has combinations of this kind, these, the form and the permanent loads count.
+    If the job has combinations of this kind, these and what counts as PERMANENT count.
     Ultimate checks also include stages without a kind, such as member removals and dynamics, since their
     loads are accidental. If the job has no such combinations, all stages except combinations of the other
     kind count.

@@ -264,7 +264,7 @@ def _removals(f: h5py.File, checked: list[ElementCheck], elements: dict[str, np.
     lines: list[str] = [md.item(line) for line in states.described_removals(f)]
     check, resistance, rows = checked[0].name, checked[0].resistance, []
     end_weight = end_weights(f)(losses.REMOVAL, states.start_position(f), 1.0)
-    for k, e in worst_removals(f, resistance, SHOWN_ROWS):
+    for k, e in worst_removals(f, resistance, end_weight, SHOWN_ROWS):
         N = {name: g[f"tension_{name}"][k, e] for name in ("before", "highest", "after")}
         factors = losses.significant_dynamic_factors(g, k, losses.first_fracture(f["events"]))
         numbers = losses.tension_ratios(g, k)[e], factors[e], (N["highest"] + end_weight[e]) / resistance[e]
