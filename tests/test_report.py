@@ -152,6 +152,16 @@ def test_the_report_states_the_sections_of_groups_and_the_digest_of_the_job(load
         assert f"\nDigest of the job and its net: {f['provenance'].attrs['job_digest'][:16]}.\n" in page
 
 
+def test_the_report_lists_bars_and_cables_of_a_group_in_separate_rows(workshop):
+    """A cable and a strut without a group, EA = 200 MN."""
+    text = "[cable]\nmodulus = 2e11\narea = 1e-3\ndensity = 7850\nprestress = 1e3\n"
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,10,1\n3,10,0,0,1\n"
+    elements = "start,end,kind\n1,2,bar\n1,3,cable\n"
+    workshop.run(workshop.job(text + "[load]\nself_weight = false\nsteps = 1\n", nodes, elements)).close()
+    rows = [f"| (none) |  | {kind} | 1 | 200000 | 7.85 |\n" for kind in ("bar", "cable")]
+    assert "".join(rows) in workshop.report().page
+
+
 def test_a_state_without_forces_has_no_slack_cables(workshop):
     """Without prestress and permanent loads no cable counts as slack until loads of nodes.csv act."""
     workshop.solve(STATICS, NODES, ELEMENTS.format(re.sub(r"[0-9.]+e3,(.*)", r"0,\1", ROWS))).close()

@@ -110,14 +110,13 @@ def _settings(title: str, values: dict[str, object]) -> md.Markup:
 
 
 def groups(f: h5py.File) -> list[str]:
-    """Return the table of the stiffness, mass and strength of each group and type, without random draws."""
+    """Return the table of stiffness, mass and strength by group, type and kind, without random draws."""
     names, types, net = cables.element_groups(f), cables.element_types(f), f["net"]
+    kinds, lines = np.where(net["bar"][:] == 1, "bar", "cable"), []
     columns = {title: net[name][:] / unit for title, (name, unit) in GROUP_COLUMNS.items() if name in net}
-    lines = []
-    for group, kind in dict.fromkeys(zip(names, types)):
-        rows = (names == group) & (types == kind)
-        lines.append([group or "(none)", kind, "bar" if net["bar"][:][rows].all() else "cable"])
-        lines[-1] += [len(np.unique(net["element_id"][:][rows]))]
+    for group, label, kind in dict.fromkeys(zip(names, types, kinds)):
+        rows = (names == group) & (types == label) & (kinds == kind)
+        lines.append([group or "(none)", label, kind, len(np.unique(net["element_id"][:][rows]))])
         for values in (column[rows][np.isfinite(column[rows])] for column in columns.values()):
             ends = [f"{value:.6g}" for value in (values.min(), values.max())] if len(values) else []
             lines[-1].append(" to ".join(dict.fromkeys(ends)))
