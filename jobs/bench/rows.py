@@ -56,9 +56,9 @@ def measure(N: int) -> dict:
     state.mass[:], state.load[:, 2], state.half_mass[:] = net.MASS, -net.LOAD, 1.0
     state.L0[:], state.EA[:] = whole.L0, net.EA
     halo = Halo(MPI.COMM_SELF, subdomain, halo_width(state))
-    at, none, envelope = SimpleNamespace(first=1), np.zeros(0, np.int64), DynamicEnvelope(distribution)
+    at, none, envelope = SimpleNamespace(first=1), np.zeros(0, np.int64), DynamicEnvelope(distribution, state)
     due = np.arange(1, 10_000_000)
-    rows = RowTable(state, due, net.DT, due[-1], subdomain, Probes(none, none, none, none), envelope)
+    rows = RowTable(state, due, net.DT, due[-1], Probes(none, none, none, none), envelope)
     plan, observed = StepPlan(state, halo), StepPlan(state, halo, rows=rows)
     steps = min(MOST_ROWS, max(1, 200_000 // m))
 
@@ -69,7 +69,7 @@ def measure(N: int) -> dict:
     def step_with_rows():
         rows.made[0] = at.first - 1
         step(observed)
-        rows.take_up(MPI.COMM_SELF)
+        rows.take_rows()
 
     audit = lambda: total_energies(MPI.COMM_SELF, state, rows.snapshot.take(state, net.DT, net.DT, 0.5, 0.0))
     found = {"N": N, "elements": m, "step": best(step) / steps, "audit": best(audit)}

@@ -38,7 +38,7 @@ from netfall.physics.bending import Joints, curvatures
 from netfall.physics.fields import FIELDS, Features
 from netfall.physics.law.branches import band_branches
 from netfall.physics.slip.law import slip_inertia
-from netfall.physics.slip.motion import slip_points_of
+from netfall.physics.slip.motion import adjacent_sums, slip_points_of
 from netfall.physics.state import State
 
 STIFFNESS = 1e3  # N m, of joints of chains that bend
@@ -91,10 +91,10 @@ if scene.slip:
     through = (along[:, 1] - along[:, 0] == 1)[:, None] & ~whole.fixed[along]
     state.strand[:], state.slip_along[:], state.slip_place[:] = state.L0, 1, np.where(through, 0, -1)
     state.resistance[:, 0] = 0.0 if "loose" in words else 1e12
-    state.places = slip_points_of(state.ends, state.slip_place, state.slip_along, subdomain.n_owned)
-    state.slip_mass[state.places.node, 0] = slip_inertia(
-        state.places, state.EA, state.L0, state.half_mass, net.DT
-    )
+    state.slip_at[:], state.slip_share[:] = state.ends, 1.0
+    points = slip_points_of(state, np.where(through.any(1), subdomain.element_gid, -1))
+    sums = (adjacent_sums(points, values) for values in (state.half_mass, state.EA / state.L0))
+    state.slip_points, state.slip_mass[points.node, 0] = points, slip_inertia(*sums, net.DT)
 halo = Halo(comm, subdomain, halo_width(state))
 make_plan = partial(GpuPlan, Gpu(), None) if arguments.device == "gpu" else StepPlan
 plan = make_plan(state, halo)
