@@ -88,10 +88,8 @@ def compile_missing(comm: MPI.Comm, stop: StopFlag = NEVER_STOP) -> None:
     """Let one rank of each node compile missing kernels, until `stop`; the others wait. Collective."""
     node = comm.Split_type(MPI.COMM_TYPE_SHARED)
     if node.rank == 0 and CACHE_VARIABLE in os.environ and not compiled_marker().exists():
-        with (
-            contextlib.suppress(Exception),
-            one_process_at_a_time(),
-        ):  # if it fails, each rank compiles what it needs
+        # if it fails, each rank compiles what it needs
+        with contextlib.suppress(Exception), one_process_at_a_time():
             if not compiled_marker().exists():
                 compile_all(stop=stop)
     sleeping_barrier(comm)

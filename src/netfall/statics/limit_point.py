@@ -82,9 +82,8 @@ class LoadPath:
         Also returns the positions at the end of the path, which may differ from the given ones.
         """
         low, jump = 0.0, UNKNOWN_MOTION
-        stack: list[tuple[float, Any, bool]] = [
-            (1.0, end, end is None)
-        ]  # factor, positions, whether found from close by
+        # factors, positions, whether found from close by
+        stack: list[tuple[float, Any, bool]] = [(1.0, end, end is None)]
         while True:  # except for those with a jump, at most 2 / BRACKET_WIDTH intervals are narrow
             high, upper, is_near = stack[-1]
             motion = UNKNOWN_MOTION if upper is None else self._motion(x, upper, low, high)
