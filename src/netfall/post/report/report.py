@@ -43,7 +43,10 @@ from netfall.results.states import Envelope, compute_envelope
 
 CELL = re.compile(r"<t[dh]\b.*?</t[dh]>")  # table cell; long names in it may break after a _
 PICTURE_WIDTH = 660  # pixels; width of pictures in word processors, while browsers fit them to the window
-OPTIONAL = "moments.csv slides.csv form.png stages.png states.png moments.png dynamic_factors.png".split()
+OPTIONAL = (
+    *("moments.csv", "slides.csv"),
+    *("form.png", "stages.png", "states.png", "moments.png", "dynamic_factors.png"),
+)
 PAGE = Path(__file__).with_name("page.html")
 
 
