@@ -162,6 +162,14 @@ def test_the_report_lists_bars_and_cables_of_a_group_in_separate_rows(workshop):
     assert "".join(rows) in workshop.report().page
 
 
+def test_the_table_of_groups_counts_elements_without_strength(workshop):
+    """One of the two upper cables breaks at 240 kN, the other one never."""
+    rows = ROWS.replace("12,2,5,upper,50e3,240e3", "12,2,5,upper,50e3,")
+    workshop.solve(STATICS, NODES, ELEMENTS.format(rows)).close()
+    page = (report_of(workshop.folder) / "summary.md").read_text()
+    assert "| upper |  | cable | 2 | 133201 | 5.36218 | 240, 1 without |" in page
+
+
 def test_a_state_without_forces_has_no_slack_cables(workshop):
     """Without prestress and permanent loads no cable counts as slack until loads of nodes.csv act."""
     workshop.solve(STATICS, NODES, ELEMENTS.format(re.sub(r"[0-9.]+e3,(.*)", r"0,\1", ROWS))).close()

@@ -117,9 +117,12 @@ def groups(f: h5py.File) -> list[str]:
     for group, label, kind in dict.fromkeys(zip(names, types, kinds)):
         rows = (names == group) & (types == label) & (kinds == kind)
         lines.append([group or "(none)", label, kind, len(np.unique(net["element_id"][:][rows]))])
-        for values in (column[rows][np.isfinite(column[rows])] for column in columns.values()):
+        for column in columns.values():
+            values = column[rows][known := np.isfinite(column[rows])]
             ends = [f"{value:.6g}" for value in (values.min(), values.max())] if len(values) else []
-            lines[-1].append(" to ".join(dict.fromkeys(ends)))
+            without = len(np.unique(net["element_id"][:][rows][~known])) if len(values) else 0
+            remark = f", {without} without" if without else ""
+            lines[-1].append(" to ".join(dict.fromkeys(ends)) + remark)
     return md.as_table(["group", "type", "kind", "elements", *columns], lines)
 
 
