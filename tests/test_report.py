@@ -691,11 +691,13 @@ def test_a_report_removes_what_only_an_earlier_one_has(loaded):
     """Moments of an earlier run must not pass for those of this one. The page names only its own tables."""
     page = report_of(loaded) / "summary.md"
     assert "moments.csv" not in page.read_text() and "slides.csv" not in page.read_text()
-    with page.open("a") as file:
-        file.write("- `moments.csv`: one row\n![the form](form.png)\n![forces](states.png)\n")
+    with page.open("a") as file:  # version 0.5.0 named slides.csv in each summary
+        file.write(
+            "- `moments.csv`: rows\n- `slides.csv`: rows\n![the form](form.png)\n![forces](states.png)\n"
+        )
     stale = {"moments.csv", "form.png", "states.png"}
     for name in (*stale, "slides.csv"):
-        page.with_name(name).write_text("")
+        page.with_name(name).write_text("element,group,node,case\n")
     names = {path.name for path in report_of(loaded).iterdir()}
     assert not names & stale and "slides.csv" in names  # this one is the user's
 

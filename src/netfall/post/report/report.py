@@ -43,10 +43,11 @@ from netfall.results.states import Envelope, compute_envelope
 
 CELL = re.compile(r"<t[dh]\b.*?</t[dh]>")  # table cell; long names in it may break after a _
 PICTURE_WIDTH = 660  # pixels; width of pictures in word processors, while browsers fit them to the window
-OPTIONAL = (
-    *("moments.csv", "slides.csv"),
-    *("form.png", "stages.png", "states.png", "moments.png", "dynamic_factors.png"),
-)
+OPTIONAL = {  # files that not every report has, and how their text begins
+    "moments.csv": b"element,group,node",
+    "slides.csv": b"node,cable,stage",
+    **dict.fromkeys(("form.png", "stages.png", "states.png", "moments.png", "dynamic_factors.png"), b""),
+}
 PAGE = Path(__file__).with_name("page.html")
 
 
@@ -127,9 +128,10 @@ def _remove_earlier(folder: Path, names: set[str]) -> None:
     """Remove the files of an earlier report in this folder that are not among the names of this one."""
     page = folder / "summary.md"
     earlier = page.read_text(errors="replace") if page.exists() else ""
-    for name in OPTIONAL:
-        if name in earlier and name not in names:
-            (folder / name).unlink(missing_ok=True)
+    for name, start in OPTIONAL.items():
+        path = folder / name
+        if name in earlier and name not in names and path.exists() and path.read_bytes().startswith(start):
+            path.unlink()
 
 
 def _tables(
