@@ -217,7 +217,7 @@ def test_more_iterations_decide_the_search(workshop):
 
 
 def test_an_undecided_case_does_not_affect_others(workshop):
-    """The run ends with 0 and counts the case. A study of it alone has no result."""
+    """The run ends with 0, and run and report count the case. A study of it alone has no result."""
     net = Chains()
     held = [net.node((100.0 * k, 0.0, 0.0), 1) for k in range(2)]
     net.chain(*held, 60, 1.0 / 1.0005)
@@ -228,6 +228,8 @@ def test_an_undecided_case_does_not_affect_others(workshop):
         assert f["cases/slack"].attrs["state"] == "undecided"
         assert f["provenance"].attrs["exit_state"] == "finished"
     assert "warning: case slack: undecided: not in equilibrium after 100 iterations" in done.stdout
+    page = (workshop.report().folder / "summary.md").read_text()
+    assert "**For 1 of 1 cases no stable equilibrium before a limit point was found.**" in page
     study = workshop.folder / "study.toml"
     study.write_text('job = "job.toml"\n[vary]\n"load.tolerance" = [1e-6]\n')
     run_on_standing_ranks("study", study, "--workers", 1, "-o", workshop.folder / "s.study.h5", code=3)

@@ -62,9 +62,8 @@ def cases(f: h5py.File, all_cases: list[Case], table: dict[str, np.ndarray]) -> 
     failed = [case for case in all_cases if case.state != EQUILIBRIUM]
     remarks = [md.item(f"{case.name}: {case.reason}") for case in failed if case.reason]
     if failed:
-        text = md.bold(
-            f"{len(failed)} of {len(all_cases)} cases have no stable equilibrium before a limit point."
-        )
+        count = f"{len(failed)} of {len(all_cases)} cases"
+        text = md.bold(f"For {count} no stable equilibrium before a limit point was found.")
         remarks = [text, "", *remarks]
     return [
         f"Each is a separate equilibrium. Displacements are relative to {states.start_name(f)} and to the",
