@@ -263,12 +263,17 @@ def test_the_report_states_loads_of_cases_and_factors_of_combinations(workshop):
     """Factors that are not given are those in effect, 1 for the permanent loads and the prestress."""
     text = CASES.replace("set = {", "settlement = {1 = [0.0, 0.0, -0.03]}\nset = {", 1)
     text += '[combinations]\n"A" = {permanent = 1.35, snow = 1.5}\n"B" = {kind = "SLS", much = 1}\n'
-    workshop.solve(text, ROOFED, ELEMENTS.format(ROWS)).close()
+    nodes = (
+        ROOFED.replace("normal_z\n", "normal_z,load_x\n")
+        .replace(",,\n", ",,,500\n")
+        .replace(",1\n", ",1,500\n")
+    )
+    workshop.solve(text, nodes, ELEMENTS.format(ROWS)).close()
     page = workshop.report().page
     assert (
-        "- \\[load]: self_weight = false\n- snow: load.snow = 2000.0, settlement.1 = \\[0.0, 0.0, -0.03]\n"
-        in page
+        "- loads of nodes.csv: resultant 2 kN, 0 kN, 0 kN along x, y, z\n- snow: load.snow = 2000.0, " in page
     )
+    assert ", settlement.1 = \\[0.0, 0.0, -0.03]\n" in page
     assert "- A: 1.35 permanent + 1 prestress + 1.5 snow\n- B: 1 permanent + 1 prestress + 1 much\n" in page
 
 
