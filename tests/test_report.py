@@ -280,6 +280,7 @@ def test_the_report_states_loads_of_cases_and_factors_of_combinations(workshop):
 def test_a_row_for_each_case_and_group_has_its_extremes(snowed):
     """The extremes are those of the file. Node 5 is in equilibrium under its snow, by hand."""
     states, folder = snowed
+    assert "loads of nodes.csv" not in (folder / "summary.md").read_text()  # it has none
     rows = rows_of(folder / "cases.csv")
     assert [(row["case"], row["group"]) for row in rows] == [
         (case, group) for case in CASED for group in ("upper", "lower")

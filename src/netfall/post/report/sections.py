@@ -89,8 +89,8 @@ def actions(f: h5py.File) -> list[str]:
         given = flatten_settings(table).items()
         values = {name: value for name, value in given if name.rpartition(".")[2] in ACTION_KEYS}
         lines.append(_settings(f"[{section}]", values))
-    if "load" in f["provenance/net"]:  # by the factor of `load`
-        resultant = np.broadcast_to(f["provenance/net/load"][:], f["net/fixed"].shape).sum(axis=0)
+    if (load := f["provenance/net/load"][:]).any():  # by the factor of `load`
+        resultant = np.broadcast_to(load, f["net/fixed"].shape).sum(axis=0)
         texts = ", ".join(map(md.force, resultant))
         lines.append(md.item(f"loads of nodes.csv: resultant {texts} along x, y, z"))
     for case in job.get("case", []):
