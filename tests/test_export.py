@@ -204,6 +204,9 @@ def test_a_run_of_exported_tables_has_the_same_net_and_bits(tmp_path, name):
     moved.add("net/buckling_length")  # without effect for cables; for bars see /net/euler_load
     for key in first.keys() - moved:
         assert np.array_equal(first[key], again[key], equal_nan=first[key].dtype.kind == "f"), key
+    if "output" in AGAIN[name]:
+        exported = tomllib.loads((tmp_path / "a" / "job.toml").read_text())
+        assert list(exported["output"]) == list(AGAIN[name]["output"])  # keys keep their order
     if name == "every column":
         table = {row["id"]: row for row in rows(tmp_path / "a" / "elements.csv")}
         words = [table["13"][name] for name in ("start", "end", "group", "kind", "cable", "area", "modulus")]

@@ -104,14 +104,16 @@ def _remove_absent_names(result: Result, state: ExportState, job: dict[str, Any]
     for section in ("remove", "motion", "output", "roof"):
         table = job.get(section, {})
         for entry in list(table) if isinstance(table, list) else [table]:
-            for key in existing.keys() & entry.keys():
-                given = entry.pop(key)
+            for key in [key for key in entry if key in existing]:
+                given = entry[key]
                 named = given if isinstance(given, list) else [given]
                 remaining = [n for n in named if isinstance(n, list) or n in existing[key]]  # or points
                 if remaining:
                     entry[key] = remaining if isinstance(given, list) else given
                 elif isinstance(table, list):  # an entry without nodes would move all supports
                     table.remove(entry)
+                else:
+                    del entry[key]
         if table == []:
             job.pop(section, None)
     limits = job.get("limits", {}).get("group", {})
