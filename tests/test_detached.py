@@ -146,7 +146,7 @@ def test_the_energy_of_attached_parts_excludes_detached_ones(workshop):
 
 @pytest.mark.parametrize("took_part, attached", [(2e-3, 1e-4), (1e-4, 2e-3)])
 def test_either_share_of_the_balance_error_is_a_warning(took_part, attached):
-    """Above the promise of 1e-3, by the larger one; below it nothing is said."""
+    """Above the promise of 1e-3, by the larger one; below it netfall warns of nothing."""
     history = {"time": np.arange(3.0), "work_identity_error": np.full(3, 1e-12)}
     off = {
         "energy_balance_error": np.array([0, took_part, 0]),

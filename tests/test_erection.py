@@ -836,17 +836,17 @@ def test_a_load_that_still_changes_with_errors_of_length_is_reported(workshop, m
     """If the iterations run out, netfall warns of the residual force, as for targets."""
     text = bare_saddle(4, side=24.0, rise=3.0) + 'length_std = 0.05\n[form_finding]\nloads = "permanent"\n'
     job = workshop.job(text + "[load]\nself_weight = true\ndead = 120.0\n")
-    told = []
+    warned = []
     for turns in (0, permanent_state.MOST_TURNS):
         monkeypatch.setattr(permanent_state, "MOST_TURNS", turns)
         with workshop.run_here(job) as f:
-            told.append(b"errors of length: the permanent load changes" in f["provenance/warnings"][()])
-    assert told == [True, False]
+            warned.append(b"errors of length: the permanent load changes" in f["provenance/warnings"][()])
+    assert warned == [True, False]
 
 
 def test_a_stage_balances_if_its_load_changes_within_the_tolerance(workshop):
     """The loads of a stage change by up to the tolerance after its last search, at every node."""
-    told = run_on_standing_ranks(
+    process = run_on_standing_ranks(
         "run",
         ROOT / "jobs" / "clamps.toml",
         "--set",
@@ -854,7 +854,7 @@ def test_a_stage_balances_if_its_load_changes_within_the_tolerance(workshop):
         "-o",
         workshop.folder / "r.vtkhdf",
     )
-    assert "W722" not in told.stdout
+    assert "W722" not in process.stdout
 
 
 def test_errors_of_length_of_a_net_as_given_leave_it_out_of_balance(workshop):

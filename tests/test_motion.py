@@ -278,13 +278,13 @@ def test_the_first_steps_of_a_slow_motion_have_a_small_balance_error(workshop):
         assert np.abs(f["history/energy_balance_error"][:]).max() < 1e-3
 
 
-@pytest.mark.parametrize(("before", "told"), [(0.5, True), (0.0, False)])
-def test_accelerations_before_time_zero_are_warned_of(workshop, before, told):
+@pytest.mark.parametrize(("before", "is_warned"), [(0.5, True), (0.0, False)])
+def test_accelerations_before_time_zero_are_warned_of(workshop, before, is_warned):
     nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,10,0,0,0,50\n3,20,0,0,1,\n"
     text = STEEL + "[form_finding]\n[dynamics]\nduration = 0.1\n[[motion]]\nacceleration = 'm.csv'\n"
     job = workshop.job(text, nodes, "start,end\n1,2\n2,3\n")
     (job.parent / "m.csv").write_text(f"time,x\n-1,{before}\n0,0\n1,1\n")
-    assert ("[[motion]] 1: m.csv: the accelerations before time 0" in workshop.check(job)) == told
+    assert ("[[motion]] 1: m.csv: the accelerations before time 0" in workshop.check(job)) == is_warned
 
 
 UNITS_IN_HEADS = [  # m/s2 of one; None: refused

@@ -375,13 +375,13 @@ def test_the_collapse_shows_as_many_dashed_elements_as_are_removed(workshop):
         panels = (figure := collapse(f)).axes
         legend = [text.get_text() for text in figure.legends[0].get_texts()]
         titles = [panel.get_title() for panel in panels]
-        told = [int(re.search(r"s: (\d) broken or removed", title)[1]) for title in titles]
+        counts = [int(re.search(r"s: (\d) broken or removed", title)[1]) for title in titles]
         dashed = [
             sum(len(lines._segments3d) for lines in panel.collections if lines.get_linestyle()[0][1])
             for panel in panels
         ]
         assert any(title.startswith("t = 0.1 s: 0 broken") for title in titles)
-        assert dashed == told and told[-1] == 2 and "broken; dashed: out of the net" in legend
+        assert dashed == counts and counts[-1] == 2 and "broken; dashed: out of the net" in legend
 
 
 def test_the_stages_explain_the_supports_of_each_of_them(workshop):

@@ -162,13 +162,13 @@ def test_under_mpirun_every_rank_gets_the_result(here):
     (here / "script.py").write_text(
         "import os, sys; sys.path[:0] = sys.argv[1:]\n"
         "import netfall; from test_python import cross\n"
-        "told = open('rank' + os.environ['OMPI_COMM_WORLD_RANK'], 'w')\n"
+        "out = open('rank' + os.environ['OMPI_COMM_WORLD_RANK'], 'w')\n"
         "result = netfall.run(cross())\n"
-        "print(result.file['provenance'].attrs['ranks'], result.tension(element=13)[0].round(), file=told)\n"
+        "print(result.file['provenance'].attrs['ranks'], result.tension(element=13)[0].round(), file=out)\n"
         "try: netfall.run(cross(), ranks=3)\n"
-        "except netfall.InputError as error: print(error, file=told)\n"
+        "except netfall.InputError as error: print(error, file=out)\n"
         "try: netfall.run(cross(cable={}))\n"
-        "except netfall.InputError as error: print(error.lines[0], file=told)\n"
+        "except netfall.InputError as error: print(error.lines[0], file=out)\n"
     )
     command = [*on_ranks(2), sys.executable, "script.py", str(ROOT / "tests")]
     done = run_process(*command, cwd=here, code=None)

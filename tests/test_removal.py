@@ -239,8 +239,10 @@ def test_displacements_of_the_equilibrium_after_a_removal_are_given(both_ways):
     assert after[:, 2] == pytest.approx(np.array([[0, 0, -sunk]] * 2), rel=1e-9, abs=1e-12)
     assert np.isfinite(after[0]).all() and np.isnan(after[1, 4]).all() and np.isfinite(after[1, :4]).all()
     _, second = described_removals(result)
-    told = f"largest displacement in that equilibrium {mm(sunk)} (node 2), by removals so far {mm(sunk / 2)}"
-    assert f"; {told} (node 2); " in second
+    sentence = (
+        f"largest displacement in that equilibrium {mm(sunk)} (node 2), by removals so far {mm(sunk / 2)}"
+    )
+    assert f"; {sentence} (node 2); " in second
     write_report(both_ways.folder / "result.vtkhdf", folder := both_ways.folder / "report")
     row = (folder / "displacements.csv").read_text().splitlines()[3].split(",")
     assert float(row[8]) == pytest.approx(sunk, rel=1e-9)  # equilibrium after removal 1
@@ -440,8 +442,8 @@ def test_a_wrong_entry_is_refused(workshop, text, line):
 def test_a_member_that_is_removed_twice_is_noted(workshop):
     """The earlier removal counts, whatever the order of the entries; an id may be repeated."""
     text = CABLE + dynamics(0.3, 100) + entry([0, 2], 0.2) + entry([2, 2], 0.1)
-    told = workshop.check(workshop.job(text, *weights(2)))
-    assert [line for line in told.splitlines() if "N333" in line] == [
+    output = workshop.check(workshop.job(text, *weights(2)))
+    assert [line for line in output.splitlines() if "N333" in line] == [
         "note: [[remove]] 1: no effect on element 2, which an earlier removal removed. [N333]"
     ]
 
@@ -521,8 +523,8 @@ def test_the_note_on_gusts_after_a_removal_names_a_key_of_that_wind(workshop, wi
     nodes, elements = weights(2)
     text = CABLE + dynamics(PERIOD, 100) + entry([2], 0.1) + "[wind]\nprofile_exponent = 0.0\n"
     text += wind + "\nspeed = 20.0\npressure_coefficient = 0.1" * ("p.csv" not in wind)
-    told = [*superposed_excitation_notes(read_job(workshop.job(text, nodes, elements)), varies=True)]
-    assert len(told) == 1 and f"For the removal alone {remedy}" in told[0], told
+    notes = [*superposed_excitation_notes(read_job(workshop.job(text, nodes, elements)), varies=True)]
+    assert len(notes) == 1 and f"For the removal alone {remedy}" in notes[0], notes
 
 
 def test_a_warning_says_that_factors_include_moving_supports(workshop):

@@ -381,5 +381,5 @@ def test_a_rope_that_is_slack_but_for_rounding_does_not_snap_through(workshop):
     for name, rows in net.tables.items():
         (workshop.folder / name).write_text(rows)
     job = workshop.job(net.text)
-    told = workshop.printed(job)
-    assert "estimated error" in told and "snaps through" not in told, told
+    output = workshop.printed(job)
+    assert "estimated error" in output and "snaps through" not in output, output

@@ -283,8 +283,8 @@ def test_the_page_shows_forces_of_weak_elements_beside_strong_ones(tmp_path):
     picked = "s.picked = 3; tellPicked(s); return document.getElementById('picked').textContent"
     with browser.browser() as tab:
         tab.open(tmp_path / "r.html")
-        told = tab.run(f"return netfall.then(s => {{ {picked} }})")
-    assert "axial force 0.004999 MN; elastic strain 0.1041 %" in told
+        shown = tab.run(f"return netfall.then(s => {{ {picked} }})")
+    assert "axial force 0.004999 MN; elastic strain 0.1041 %" in shown
 
 
 @needs_k3d
