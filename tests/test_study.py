@@ -66,23 +66,6 @@ def test_scale_measures_one_and_two_ranks(workshop):
     assert not list((workshop.folder / "out").glob(".*"))
 
 
-def test_scale_of_a_study_counts_runs_a_minute(workshop):
-    """Samples with one form, repeatedly: a row for each number of workers, compared with the first."""
-    workshop.job(JOB)
-    study = workshop.folder / "study.toml"
-    study.write_text('job = "job.toml"\n[vary]\n"wind.seed" = [1, 2]\n')
-    out = workshop.folder / "out"
-    done = run_on_standing_ranks(
-        "scale", study, "--workers", "1,2", "--repeats", "1", "-o", out, cwd=workshop.folder
-    )
-    one, two = rows_of(out / "study_throughput.csv")
-    assert (one["workers"], two["workers"], one["times_the_first"]) == ("1", "2", "1.0")
-    ratio = float(two["runs_a_minute"]) / float(one["runs_a_minute"])
-    assert float(two["times_the_first"]) == pytest.approx(ratio)
-    assert min(float(row["run_over_dynamic_stage"]) for row in (one, two)) > 1.0
-    assert "| workers | runs a minute |" in done.stdout
-
-
 def test_trade_compares_settings(workshop):
     """The reference has no error against itself. A step above the limit is a refused row."""
     arguments = ["trade", workshop.job(JOB), "--vary", "dynamics.time_step=auto,1.0"]

@@ -15,10 +15,6 @@ STUDY_WITHOUT_FRAMES = Message(
     "E036", "{path}: a study file has no frames; animate the result file of one run"
 )
 SAMPLE_OF_RESULT = Message("E037", "--sample {sample}: {path} is not a study file; leave the option out")
-RANKS_OR_WORKERS = Message(
-    "E038", "netfall scale: expected either --ranks 1,2 for a job, or --workers 1,2 for a study"
-)
-SET_OF_STUDY = Message("E039", "netfall scale: --set {item}: not for a study; change the study file instead")
 STUDY_UNDER_MPIRUN = Message(
     "E040", "netfall study: starts ranks itself; run it without mpirun, with [run] ranks = P"
 )

@@ -13,8 +13,7 @@ from netfall.core.progress import Progress, print_lines
 @command(
     JOB,
     SET,
-    option("--ranks", "1,2,...", "numbers of ranks, for a job", take.counts),
-    option("--workers", "1,2,...", "numbers of workers, for a study file: runs per minute", take.counts),
+    option("--ranks", "1,2,...", "numbers of ranks", take.counts, required=True),
     LAUNCHER,
     option("--repeats", "N", "runs of each case; the fastest counts", take.count, default="3"),
     to_folder("folder of the table and the picture (default: here)"),
@@ -23,33 +22,21 @@ def scale(
     job: Path,
     overrides: list[str],
     ranks: list[int],
-    workers: list[int],
     launcher: str | None,
     repeats: int,
     folder: Path | None,
 ) -> None:
     """Measure strong and weak scaling of a job over several numbers of ranks, and times of the phases.
 
-    examples:
+    example:
       netfall scale jobs/stadium.toml --ranks 1,2,4 --launcher "srun -n {ranks}"
-      netfall scale jobs/studies/stadium.toml --workers 1,2
     """
-    if bool(ranks) == bool(workers):
-        raise InputError(messages.RANKS_OR_WORKERS())
-    say, folder = Progress(True).say, take.output_folder(folder or Path())
-    if workers:
-        from netfall.post.accuracy.throughput import run_throughput
+    from netfall.core.launch import default_launcher
+    from netfall.post.accuracy.scale import scale as run_scale
 
-        if overrides:
-            raise InputError(messages.SET_OF_STUDY(item=overrides[0]))
-        paths = run_throughput(job, workers, launcher, repeats, folder, say)
-    else:
-        from netfall.core.launch import default_launcher
-        from netfall.post.accuracy.scale import scale as run_scale
-
-        launcher = launcher or default_launcher()
-        paths = run_scale(job, overrides, ranks, launcher, repeats, folder, say)
-    print_lines(*paths)
+    folder = take.output_folder(folder or Path())
+    launcher = launcher or default_launcher()
+    print_lines(*run_scale(job, overrides, ranks, launcher, repeats, folder, Progress(True).say))
 
 
 @command(

@@ -229,8 +229,7 @@ def _run_outcomes(
     else:
         measured = _dynamic_outcomes(problem.model, outcomes[last].result, extremes, depth)
     before = outcomes[statics.NAME].result if statics.NAME in outcomes else statics.StaticPath()
-    seconds = {"dynamic_seconds": phases.seconds[last]}
-    return NO_OUTCOMES | measured | _failed_search(problem, before) | seconds
+    return NO_OUTCOMES | measured | _failed_search(problem, before)
 
 
 def _failed_search(problem: Problem, path: statics.StaticPath) -> dict[str, str]:

@@ -106,5 +106,3 @@ NO_WEAK_SCALING = Message(
     "divided only into whole numbers of parts",
 )
 SCALING_RUN_FAILED = Message("E867", "{path}: a run on {ranks} {state}: {reason}")
-SAMPLE_FAILED = Message("E868", "{path}: run {number} ended as {state}: {reason}")
-WORKER_ENDED = Message("E869", "{path}: run {number}: {reason}")

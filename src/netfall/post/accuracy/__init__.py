@@ -1,1 +1,1 @@
-"""Accuracy and speed: run time against error, scaling, throughput."""
+"""Accuracy and speed: run time against error, scaling."""
