@@ -59,57 +59,19 @@ WITHOUT_LOADS = Message(
 
 # --- job.toml of an exported net
 
-DRAWN_STRENGTHS = Message(
-    "N757",
-    "job.toml: strengths are the random strengths of the run, also in reports. Some elements are missing, so "
-    "a new draw would give others.",
-)
-MOMENTS_LEFT_OUT = Message(
-    "W758",
-    "job.toml: bars that bend have moments after the last stage of erection, but start without moments here.",
-    "The tables of a net contain no bending moments. The exported job therefore starts from another state "
-    "than the run had after its last stage.",
-)
-PARTS_ARE_ELEMENTS = Message(
-    "N759",
-    "job.toml: the parts of the {count} subdivided elements are separate elements here. If one is removed, "
-    "the nodes between its parts are ordinary nodes.",
-)
-LONGEST_BUCKLING_LENGTH = Message(
-    "N760",
-    "job.toml: bars of group {group} have buckling lengths of {low:.6g} to {high:.6g} m. Here all have the "
-    "largest.",
-)
-REMOVAL_OF_STUDY = Message(
-    "W761", "job.toml: the study removed a member in this run, and job.toml does not. Add its [[remove]]."
+NO_JOB = Message(
+    "N768",
+    "job.toml: not written: {reason}, so the job of the run would compute something else with the tables.",
+    "For a run of the exported net write a job that reads the tables. They contain the form, its unstressed "
+    "lengths with their errors, and the random strengths if elements left the net: leave out [form_finding], "
+    "[[target]], [[stage]], length_std, and in that case strength_cov. Parts of subdivided bars need the "
+    "buckling_length of the whole bar. Nodes between parts of elements end free segments of sliding cables.",
 )
 FILE_GONE = Message("W762", "{key} = {name}: {source} no longer exists. Put it next to job.toml.")
 FILE_CHANGED = Message(
     "W764",
     "{target}: copied from {source}, which has changed since the run. Put the file of the run there.",
 )
-EMPTY_LOAD_TABLE = Message("N763", "{path}: contains no load: nothing that it loads is exported.")
-
-SHARES_OF_NODES = Message(
-    "W765",
-    "nodes.csv: where zones meet, faces had separate zones, and nodes have shares "
-    "here. Loads differ from those of the run. Compare the sums of the loads.",
-    "Loads of a roof with [roof] normal act on the corners of faces. The export keeps zones by groups, and "
-    "polygons of a net without form finding and stages; it writes others as shares of nodes.",
-)
-SEGMENTS_END = Message(
-    "W766",
-    "job.toml: cables of {cables} do not slip as in the run: nodes of subdivide are ordinary nodes here, and "
-    "end free segments. Run the job of the run.",
-)
-TURNED_FACES = Message(
-    "W767",
-    "faces.csv: {faces} turned over in the form, so job.toml stops with E291. Give a start geometry whose "
-    "faces keep their outer side, and run it again.",
-    "The corners of a face are anticlockwise in the start geometry. If form finding moves a node across a "
-    "side of its face, they are clockwise in the form, and the roof lies on itself there.",
-)
-
 # --- import
 
 IMPORT_TO_FILE = Message("E771", "-o {folder}: is a file. Give a folder.")

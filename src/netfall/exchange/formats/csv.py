@@ -11,13 +11,10 @@ from netfall.core.errors import InputError
 from netfall.core.functions import to_rotated_axes
 from netfall.core.messages import count_of
 from netfall.exchange import messages
-from netfall.exchange.job_again import keeps_zone_entries, write_rerun_job
+from netfall.exchange.job_again import write_rerun_job
 from netfall.exchange.state import MARK, NET_RECORD, ExportState
 from netfall.geometry.cables import meeting_pairs
-from netfall.geometry.faces import Faces, vector_areas
 from netfall.job.csv_table import AXES, ZONE_SEPARATOR, write_table
-from netfall.job.values import counted
-from netfall.results.file import read_job_tables
 from netfall.results.locks import atomic_folder
 from netfall.results.reader import Result
 from netfall.results.states import support_angles
@@ -58,7 +55,6 @@ def _write_tables(result: Result, state: ExportState, folder: Path) -> list[str]
         lines.append(f"{folder / name}.csv: {count_of(len(next(iter(columns.values()))), 'row')}")
     lines += state.removed_element_lines("rows")
     if state.is_form:
-        lines += _turned_faces(result, state) if "faces" in tables else []
         lines += write_rerun_job(result, state, folder, "faces" in tables, FILES)
         lines.append(f"digest of the net: {digest(folder)}, of the three tables; the same net has the same")
     else:
@@ -150,7 +146,7 @@ def _node_columns(result: Result) -> dict[str, np.ndarray]:
             columns |= {f"{name}_{k}": values[:, i] for i, k in enumerate(AXES)}
     if angle is not None:
         columns["angle"] = angle
-    if (net["zone"][:] >= 0).any() and not keeps_zone_entries(result):
+    if (net["zone"][:] >= 0).any():
         columns |= _zone_columns(result)
     return columns
 
@@ -243,16 +239,6 @@ def _faces(result: Result, state: ExportState) -> dict[str, np.ndarray]:
         coordinates[~is_node] = points[corner[~is_node]]
         columns |= {k: coordinates[:, i] for i, k in enumerate(AXES)}
     return columns
-
-
-def _turned_faces(result: Result, state: ExportState) -> list[str]:
-    """Return a warning of the faces that form finding turned over, which faces.csv may not have."""
-    record, normal = result.file[NET_RECORD], read_job_tables(result.file).get("roof", {}).get("normal")
-    face, points = record["ring_face"][:], state.position[: len(result.nodes["id"])]
-    rings = Faces(record["ring_start"][:], record["ring_corner"][:], face=face)
-    area = vector_areas(np.concatenate([points, record["corners"][:]]), rings) @ (normal or [0.0, 0.0, 1.0])
-    turned = np.flatnonzero(area <= 0.0)
-    return [messages.TURNED_FACES(faces=counted("face", turned))] if len(turned) else []
 
 
 def _history(result: Result) -> dict[str, np.ndarray]:
