@@ -36,6 +36,7 @@ from netfall.results.h5 import check_one_folder
 from netfall.results.locks import check_output_path
 from netfall.results.losses import RESTS, removal_states, significant_dynamic_factors, tension_ratios
 from netfall.results.states import LIMIT_POINT
+from netfall.results.warning_text import BALANCE_COLUMNS
 from netfall.results.writer import net_section
 
 ROUNDING = 1e-9  # relative tolerance of a strain at the yield force
@@ -276,7 +277,7 @@ def _dynamic_outcomes(
     model: Model, simulation: dynamics.Simulation, extremes: Extremes, depth: float | None
 ) -> dict[str, Any]:
     """Return the outcomes of a dynamic stage that ran to its end. depth : [m] of `sunk_area`. Rank 0."""
-    net, log, area = model.net, simulation.log, model.roof.area
+    net, log, area, history = model.net, simulation.log, model.roof.area, simulation.history.columns()
     removal = simulation.removal.columns() if simulation.removal else {}
     failed = np.zeros(net.m, bool)
     failed[log.broken] = True
@@ -285,8 +286,7 @@ def _dynamic_outcomes(
         "times": log.time.tolist(),
         "elements": log.element.tolist(),
         "broken": len(np.unique(net.element_id[log.element])),
-        "energy_balance_error": simulation.history.largest("energy_balance_error"),
-        "balance_error_attached": simulation.history.largest("balance_error_attached"),
+        **{name: float(np.abs(history[name]).max()) for name in BALANCE_COLUMNS},
     }
     if len(log):
         # abs, because bars also break in compression

@@ -98,7 +98,8 @@ def energy_in_play(rows: dict[str, np.ndarray]) -> np.ndarray:
     return np.where(np.isnan(energy), 0.0, energy)  # nan without the energy check
 
 
-# Reference energies [J] per row: an error is relative to the largest value up to START_STEPS after its row.
+# Reference energies [J] per row: an error is relative to the largest value up to its row, and in the first
+# START_STEPS of a motion to the largest up to START_STEPS later.
 REFERENCE_ENERGIES: dict[str, Callable[[dict[str, np.ndarray]], np.ndarray]] = {
     "in_play": energy_in_play,
     "attached": lambda rows: np.nan_to_num(rows["attached_energy"]),
@@ -171,20 +172,18 @@ class History:
     def _append(self, block: dict[str, np.ndarray], probe_rows: np.ndarray) -> None:
         self.blocks.append(block | ({PROBE_ROWS: probe_rows} if self.keeps_probes else {}))
 
-    def largest(self, name: str) -> float:
-        """Return the largest absolute value of a column; nan if it contains nan."""
-        return float(np.abs(self.columns()[name]).max())
-
     def columns(self) -> dict[str, np.ndarray]:
         """Return the rows as columns, with errors relative to the reference energies."""
         columns = self._raw_columns()
         if not len(self):
             return columns
-        soon = columns["time"] + START_STEPS * columns["time_step"]
-        last = np.searchsorted(columns["time"], soon, side="right") - 1
+        time, soon = columns["time"], columns["time"] + START_STEPS * columns["time_step"]
+        last = np.searchsorted(time, soon, side="right") - 1
         for name, share in ERROR_REFERENCE.items():
-            energy = REFERENCE_ENERGIES[share](columns)
-            scale = np.maximum.accumulate(np.maximum(energy, self.scales[share]))[last]
+            energy, least = REFERENCE_ENERGIES[share](columns), self.scales[share]
+            scale = np.maximum.accumulate(np.maximum(energy, least))
+            begun = np.argmax(scale > least)  # the first row of the motion
+            scale = np.where(time <= soon[begun], scale[last], scale)
             columns[name] = columns[name] / np.where(scale > 0.0, scale, 1.0)
         return columns
 

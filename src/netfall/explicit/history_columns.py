@@ -33,7 +33,8 @@ support_work | J | motion | work of moving supports, [[motion]], and of the grou
 external_work | J | | work of the external loads
 attached_energy | J | | kinetic energy and total strain energy, prestress included, of the parts that unbroken
     elements connect to a support
-work_identity_error | | | error of the work identity, as a share of the largest energy up to 50 steps later
+work_identity_error | | | error of the work identity, as a share of the largest energy until then; in the
+    first 50 steps of a motion up to 50 steps later
 energy_balance_error | | | error of the energy balance (positive: gain), as a share of that energy
 balance_error_attached | | | the same error as a share of the largest `attached_energy` until then
 slack | | | number of slack cable elements
