@@ -239,12 +239,21 @@ def test_reactions_in_motion_have_their_peak(workshop):
     )
 
 
-def test_the_reaction_of_a_single_cable_has_the_peak_between_two_rows(workshop):
+BEAM = '[group.beam]\nkind = "bar"\nbending = true\nsecond_moment = 1e-8\n'
+
+
+@pytest.mark.parametrize("beam", ["", BEAM], ids=["", "beside a beam"])
+def test_the_reaction_of_a_single_cable_has_the_peak_between_two_rows(workshop, beam):
     """A weight falls by 0.5 m until its cable is taut: peak m g + sqrt((m g)^2 + 2 k m g h)."""
     nodes = "id,x,y,z,fixed,load_z,mass\n1,0,0,0,1,-50,0\n2,0,0,-9.5,0,-1000,100\n"
-    text = "[cable]\naxial_stiffness = 1e6\nmass_per_length = 1e-3\n[load]\nself_weight = false\nsteps = 0\n"
+    text = f"[cable]\nmodulus = 1e9\narea = 1e-3\ndensity = 1.0\n{beam}"
+    text += "[load]\nself_weight = false\nsteps = 0\n"
     text += "[dynamics]\nduration = 1.0\nsafety = 0.1\n[output]\nhistory_interval = 0.25\n"
-    f = workshop.solve(text, nodes, "start,end,unstressed_length\n1,2,10\n")
+    elements = "start,end,unstressed_length,group\n1,2,10,\n"
+    if beam:
+        nodes += "3,5,0,0,1,0,0\n4,6,0,0,0,0,0\n5,7,0,0,1,0,0\n"
+        elements += "3,4,1,beam\n4,5,1,beam\n"
+    f = workshop.solve(text, nodes, elements)
     e, peak = f["envelope"], 1000.0 + np.sqrt(1e6 + 2e5 * 1000.0 * 0.5)
     assert e["reaction_max"][0] == pytest.approx(peak + 50.0, rel=2e-3)
     assert e["reaction_max"][0] == pytest.approx(e["tension_max"][0] + 50.0, rel=1e-12)

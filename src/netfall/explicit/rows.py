@@ -48,7 +48,9 @@ class DynamicEnvelope:
         ends, elements = subdomain.ends.astype(np.int64), np.full(state.n_local, -1)
         elements[ends] = np.arange(len(ends))[:, None]
         single = np.bincount(ends.ravel(), minlength=state.n_local)[self.supports] == 1
-        only = np.where(single & (state.joints is None), elements[self.supports], -1)
+        if state.joints is not None:  # the shear of bending chains adds to the axial force
+            single &= ~np.isin(self.supports, state.joints.particles)
+        only = np.where(single, elements[self.supports], -1)
         self.anchored = np.stack([only, ends[only].sum(1) - self.supports])
         self.reaction = np.full((13, len(self.supports)), -np.inf)
         self.reaction[3:6] = self.reaction[9] = np.inf

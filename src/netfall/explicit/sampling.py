@@ -195,25 +195,35 @@ def update_reaction_envelope(i: int, time: float, share: float, rows: Rows, scra
 
     Arguments as in `include_reaction`.
     """
+    if rows.anchored[0, i] >= 0:
+        update_direction(i, rows)
     for peak in range(3):
         if peak == 0 or write_new_peak(i, peak, rows, scratch.f):
             include_reaction(i, time, share, rows, scratch)
 
 
 @part_of_kernel
+def update_direction(i: int, rows: Rows) -> None:
+    """Update the unit vector along the only element at support i.
+
+    A broken element keeps that of the last update before, since its far end may have moved far.
+    """
+    e, far, p, direction = rows.anchored[0, i], rows.anchored[1, i], rows.supports[i], rows.reaction[10:, i]
+    x, elements = rows.observed.particles.x, rows.observed.elements
+    if elements.broken[e] == 0:
+        dx, dy, dz = x[0, far] - x[0, p], x[1, far] - x[1, p], x[2, far] - x[2, p]
+        L = max(math.sqrt(dx * dx + dy * dy + dz * dz), LENGTH2_OFFSET)
+        direction[0], direction[1], direction[2] = dx / L, dy / L, dz / L
+
+
+@part_of_kernel
 def write_new_peak(i: int, peak: int, rows: Rows, f: FloatArray) -> bool:
     """Write the force [N] of the only element at support i to f (3, ...) if its extreme is new; return that.
 
-    peak : 1 for the highest axial force since the start, 2 for the lowest. The direction is the present one,
-        or for a broken element that of the last update before, since its far end may have moved far.
+    peak : 1 for the highest axial force since the start, 2 for the lowest
     """
-    e, far, p, elements = rows.anchored[0, i], rows.anchored[1, i], rows.supports[i], rows.observed.elements
-    x, is_new, N, direction = rows.observed.particles.x, False, 0.0, rows.reaction[10:, i]
+    e, elements, is_new, N = rows.anchored[0, i], rows.observed.elements, False, 0.0
     if e >= 0 and peak == 1 and is_present(elements.highest):
-        if elements.broken[e] == 0:
-            dx, dy, dz = x[0, far] - x[0, p], x[1, far] - x[1, p], x[2, far] - x[2, p]
-            L = max(math.sqrt(dx * dx + dy * dy + dz * dz), LENGTH2_OFFSET)
-            direction[0], direction[1], direction[2] = dx / L, dy / L, dz / L
         N = elements.highest[e]
         is_new = N > rows.reaction[8, i]
     if e >= 0 and peak == 2 and is_present(elements.lowest):
@@ -222,7 +232,7 @@ def write_new_peak(i: int, peak: int, rows: Rows, f: FloatArray) -> bool:
     if is_new:
         rows.reaction[7 + peak, i] = N
         for k in range(3):
-            f[k, 0] = N * direction[k]
+            f[k, 0] = N * rows.reaction[10 + k, i]
     return is_new
 
 

@@ -350,7 +350,7 @@ def _reactions(f: h5py.File, table: dict[str, np.ndarray]) -> list[str]:
         lines += [
             f"Largest in motion: {md.force(largest[top])} at node {id_of[top]}, "
             f"t = {e['reaction_max_time'][top]:.4g} s, over rows of the history and at least every 50 steps.",
-            "Shorter peaks count at supports of one element, in a net without bending chains; elsewhere",
+            "Shorter peaks count at supports of one element outside bending chains; elsewhere",
             "they appear only in the tensions. Extremes of the components at one support:",
         ]
         for k, axis in enumerate("xyz"):
