@@ -74,22 +74,19 @@ def gather_extremes(problem: Problem, rows: Extremes) -> Extremes | None:
     return Extremes(*gathered) if gathered else None
 
 
-def end_weight_rows(
-    problem: Problem, place: str, x: np.ndarray | None = None, live: float = 1.0
-) -> np.ndarray:
-    """Return what forces at the ends of this rank's elements exceed those in their middle by, (m,) [N].
-
-    place : group of the state in a file; x : (n_owned, 3) [m], None: as in the initial state
-    live : share of the loads other than the permanent ones that acts. Collective.
-    """
-    x, weights = None if x is None else problem.distribution.gather_particles(x), None
+def local_start_weights(problem: Problem) -> Callable[[str, np.ndarray, float], np.ndarray]:
+    """Return the function of `start_weights` for the elements and particles of this rank. Collective."""
+    columns, names, distribution = None, None, problem.distribution
     if problem.model:
         net, tables = problem.model.net, problem.model.layout.load_tables.items()
-        L0 = np.where(net.is_there, problem.model.cut_length, 0.0)
         lines = {name: loads.elements for name, loads in tables if loads.elements is not None}
-        weight_of = start_weights(problem.job, net.elements, L0, L0, net.own_weight, net.diameter, lines)
-        weights = np.abs(weight_of(place, problem.model.x if x is None else x, live))
-    return problem.distribution.elements(weights)
+        L0 = np.where(net.is_there, problem.model.cut_length, 0.0)
+        diameter = np.zeros(net.m) if net.diameter is None else net.diameter
+        columns, names = np.column_stack([L0, net.own_weight, diameter, *lines.values()]), [*lines]
+    L0, own, diameter, *forces = distribution.elements(columns).T
+    names = problem.comm.bcast(names)
+    line_loads = {name: np.column_stack(forces[3 * k : 3 * k + 3]) for k, name in enumerate(names)}
+    return start_weights(problem.job, distribution.subdomain.ends, L0, L0, own, diameter, line_loads)
 
 
 def extremes_of_motion(problem: Problem, simulation: dynamics.Simulation) -> Extremes:
@@ -102,7 +99,7 @@ def extremes_of_motion(problem: Problem, simulation: dynamics.Simulation) -> Ext
     strain = elastic_strain(tension, state.EA) + plastic
     compressed = -np.minimum(0.0, elastic_strain(least, state.EA) + plastic)
     displacement, sunk = simulation.envelope.displacement[0], state.x_start[:n, 2] - state.x[:n, 2]
-    at_end = tension + end_weight_rows(problem, "")
+    at_end = tension + np.abs(local_start_weights(problem)("", state.x_start, 1.0))
     return Extremes(tension, at_end, strain, compressed, displacement, sunk)
 
 
@@ -110,16 +107,16 @@ class EquilibriumExtremes:
     """Accumulates the largest values over equilibria, rows of this rank; sunk : of each equilibrium."""
 
     def __init__(self, problem: Problem):
-        self.problem, subdomain = problem, problem.distribution.subdomain
+        self.start_weights, subdomain = local_start_weights(problem), problem.distribution.subdomain
         m, n = len(subdomain.element_gid), subdomain.n_owned
         tension, at_end, strain = np.full((3, m), np.nan)  # nan: no equilibrium yet
         self.rows = Extremes(tension, at_end, strain, np.zeros(m), np.zeros(n), np.zeros(n))
         self.sunk = [self.rows.sunk]
 
     def include(self, state: State, snapshot: Snapshot, place: str, live: float) -> None:
-        """Include an equilibrium; place, live : as in `end_weight_rows`. Collective."""
+        """Include an equilibrium; place, live : as in `start_weights`."""
         largest, displacement = self.rows, (state.x - state.x_start)[snapshot.rows]
-        at_end = snapshot.N + end_weight_rows(self.problem, place, state.x[snapshot.rows], live)
+        at_end = snapshot.N + np.abs(self.start_weights(place, state.x, live))
         np.fmax(largest.tension, snapshot.N, out=largest.tension)
         np.fmax(largest.at_end, at_end, out=largest.at_end)
         np.fmax(largest.strain, elastic_strain(at_end, state.EA) + snapshot.eps_p, out=largest.strain)
