@@ -1,6 +1,7 @@
 """Member removal: hand calculations, energies, equal bits, and the printed lines."""
 
 import re
+import shutil
 from types import SimpleNamespace
 
 import h5py
@@ -243,6 +244,10 @@ def test_displacements_of_the_equilibrium_after_a_removal_are_given(both_ways):
         f"largest displacement in that equilibrium {mm(sunk)} (node 2), by removals so far {mm(sunk / 2)}"
     )
     assert f"; {sentence} (node 2); " in second
+    shutil.copy(both_ways.folder / "result.vtkhdf", copied := both_ways.folder / "copied.vtkhdf")
+    with h5py.File(copied, "r+") as f:  # a removal that moves nothing, with rounding errors
+        f["initial_state/position"][:] = f["net/particles"][:] + after[1] - 1e-15
+        assert f"{mm(sunk)} (node 2), by removals so far 0 mm" in described_removals(f)[1]
     write_report(both_ways.folder / "result.vtkhdf", folder := both_ways.folder / "report")
     row = (folder / "displacements.csv").read_text().splitlines()[3].split(",")
     assert float(row[8]) == pytest.approx(sunk, rel=1e-9)  # equilibrium after removal 1
