@@ -12,7 +12,7 @@ from netfall.core.errors import InputError
 from netfall.explicit.wind_section import expected_gust_factor
 from netfall.job.read import read_job
 from netfall.loads.wind.measured import point_weights
-from netfall.physics.wind_spectra import Gust, davenport
+from netfall.physics.wind_spectra import Gust, davenport, en1991
 
 FLAT = '[net]\ngenerator = "saddle"\n[net.saddle]\nside = 40.0\nrise = 0.0\ncells = 4\n' + STEEL
 FLAT += "[form_finding]\nmodulus_factor = 0\n"
@@ -181,6 +181,19 @@ def test_expected_gust_factor():
     g = np.sqrt(2 * np.log(1e5 * np.sqrt((n**2 * S).sum() / S.sum())))  # too long for records
     expected = expected_gust_factor(gust, dt, 1e5)
     assert expected == pytest.approx(1 + sigma / speed * (g + 0.5772 / g), abs=0.01)
+
+
+def test_the_expected_gust_factor_of_short_gusts_is_a_mean_over_many_durations():
+    """The factor of the spectrum of EN 1991-1-4 equals that of an independent realisation of 50 hours."""
+    speed, sigma, length, dt, duration, count = 30.0, 6.0, 63.2, 0.1, 60.0, 1_800_000
+    n = np.fft.rfftfreq(count, dt)
+    S = sigma**2 * length / speed * 6.8 / (1 + 10.2 * n * length / speed) ** (5 / 3)
+    white = np.fft.rfft(np.random.default_rng(2).standard_normal(count))  # one-sided density 2 dt
+    record = np.fft.irfft(white * np.sqrt(S / (2 * dt)), count)
+    window = round(duration / dt) + 1
+    largest = record[: count // window * window].reshape(-1, window).max(1).mean()
+    gust = Gust(en1991, speed, sigma, length, 0.0)
+    assert expected_gust_factor(gust, dt, duration) == pytest.approx(1 + largest / speed, abs=0.005)
 
 
 def test_check_names_the_losses_of_time_step_and_lags(workshop):
