@@ -207,7 +207,16 @@ def test_a_bound_without_failures_is_explained_by_its_speed(tmp_path):
     sections = write_year(tmp_path / "a.study.h5", samples)
     text = study_lines(tmp_path / "a.study.h5")
     assert sections["hazard"]["interval"][0, 1] == pytest.approx(GUMBEL.exceedance(60.0), rel=1e-12)
-    assert "no curve (< 8.3e-07)" in text and "10 independent samples allow up to 25.9% of" in text
+    assert "no curve (< 8.3e-07)" in text and "With 10 samples at that speed, up to 25.9% of" in text
+
+
+def test_a_bound_of_drawn_speeds_has_one_sample_at_the_highest(tmp_path):
+    """A hundred runs without failure at different speeds say little of the highest speed: 95 % may fail."""
+    samples = drawn_samples(np.random.default_rng(3), 100, (50.0,), 500.0, 0.01)
+    samples["wind.speed"] = np.linspace(40.0, 60.0, 100)
+    write_year(tmp_path / "a.study.h5", samples)
+    text = study_lines(tmp_path / "a.study.h5")
+    assert "no curve (<" in text and "With 1 sample at that speed, up to 95.0% of" in text
 
 
 @pytest.mark.parametrize(

@@ -190,8 +190,8 @@ EQUAL_DIRECTIONS = Message(
 )
 BOUND_WITHOUT_CURVE = Message(
     "N979",
-    "the bounds without a curve assume that nothing fails up to a speed at which no run failed; {samples} "
-    "independent samples allow up to {share:.1%} of failures there (95 %)",
+    "the bounds without a curve assume that nothing fails up to a speed at which no run failed. With "
+    "{samples:sample} at that speed, up to {share:.1%} of failures are possible there (95 %)",
 )
 SHORT_WIND = Message(
     "W980",

@@ -243,9 +243,12 @@ def _hazard(study: Study, say: Callable[..., Any]) -> None:
         say(messages.ONE_DIRECTION())
     if "wind.direction" in study.fragility["pooled"]:
         say(messages.EQUAL_DIRECTIONS())
-    bounded = ~np.isfinite(rows["annual_probability"]) & np.isfinite(rows["interval"][:, 0])
+    g = study.fragility
+    held = (np.cumsum(g["failed"], axis=1) == 0) & (g["runs"] > 0)  # speeds up to which nothing failed
+    bounded = ~np.isfinite(rows["annual_probability"]) & np.isfinite(rows["interval"][:, 0]) & held.any(1)
     if bounded.any():
-        samples = study.fragility["samples"][bounded].min()
+        at_highest = [runs[which][-1] for runs, which in zip(g["runs"][bounded], held[bounded])]
+        samples = np.minimum(g["samples"][bounded], at_highest).min()
         say(messages.BOUND_WITHOUT_CURVE(samples=samples, share=1.0 - 0.05 ** (1.0 / samples)))
     if (study.samples["duration"] < CODE_AVERAGING_TIME_S).any():
         say(messages.SHORT_WIND(exposure=study.exposure))
