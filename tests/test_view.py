@@ -1,5 +1,6 @@
 """`netfall view`: the page contains the data of the result, and draws them in a browser without network."""
 
+import contextlib
 import json
 import re
 import shutil
@@ -12,10 +13,9 @@ from unittest.mock import Mock
 
 import browser
 import h5py
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from conftest import STEEL, run_on_standing_ranks, standing_runs_of_python, wait_for
+from conftest import STEEL, run_on_standing_ranks, wait_for
 from matplotlib.colors import to_hex
 from study_files import columns, write_study
 
@@ -54,7 +54,27 @@ duration = 0.5
 frames = 25
 """
 needs_k3d = pytest.mark.skipif(find_spec("k3d") is None, reason="k3d is not installed")
-needs_browser = pytest.mark.skipif(not browser.is_there(), reason="no Chromium, or no driver of it")
+needs_browser = pytest.mark.skipif(
+    find_spec("k3d") is None or not browser.is_there(), reason="no k3d, no Chromium, or no driver of it"
+)
+
+
+@contextlib.contextmanager
+def opened(path: Path, *options):
+    """Return a browser with a page; nothing in the page has failed."""
+    with browser.browser(*options) as tab:
+        tab.open(path)
+        yield tab
+        assert tab.faults() == []
+
+
+@contextlib.contextmanager
+def page_of(job: dict, folder: Path):
+    """Return a browser with the page of the result of a job, and the result."""
+    with run(job, output=folder / "r.vtkhdf") as result:
+        page.write_page(folder / "r.vtkhdf", folder / "r.html")
+        with opened(folder / "r.html") as tab:
+            yield tab, result
 
 
 @pytest.fixture(scope="module")
@@ -157,12 +177,10 @@ def test_a_page_needs_no_other_files(its_page):
     assert data["title"] == "All </script> breaks & falls" and len(data["states"]) == 2
 
 
-@needs_k3d
 @needs_browser
 def test_the_page_draws_and_plays(its_page, broken):
     """The browser reports the times of the frames and the positions of lines. Playing changes the picture."""
-    with browser.browser() as tab, h5py.File(broken) as f:
-        tab.open(its_page)
+    with opened(its_page) as tab, h5py.File(broken) as f:
         tab.run("return netfall.then(() => 1)")
         frames = Frames(f)
         assert tab.run("return K3DInstance.then(k => k.getTimeSeriesInfo().times)") == frames.times.tolist()
@@ -182,7 +200,6 @@ def test_the_page_draws_and_plays(its_page, broken):
         tab.run("return netfall.then(s => choose(s, 1))")
         assert tab.run("return document.getElementById('foot').style.display") == "none"
         assert tab.run("return performance.getEntriesByType('resource').map(r => r.name)") == []
-        assert tab.faults() == []
 
 
 ROLLER = {  # a strut from a support to a node that runs along x, and ropes over one that is held along y
@@ -199,44 +216,32 @@ ROLLER = {  # a strut from a support to a node that runs along x, and ropes over
 }
 
 
-@needs_k3d
 @needs_browser
 def test_partly_held_nodes_have_their_own_colour(tmp_path):
     """One support of three nodes; the other two are held along some axes."""
-    with standing_runs_of_python():
-        run(ROLLER, output=tmp_path / "r.vtkhdf").close()
-    run_on_standing_ranks("view", tmp_path / "r.vtkhdf")
     mark = "const at = s.k3d.getWorld().ObjectsListJson[{}]; return [...at.positions.data, at.color]"
-    with browser.browser() as tab:
-        tab.open(tmp_path / "r.html")
+    with page_of(ROLLER, tmp_path) as (tab, _):
         marks = [
             tab.run(f"return netfall.then(s => {{ {mark.format(k)}; }})") for k in ("SUPPORTS", "GUIDED")
         ]
-        assert marks == [[0, 0, 0, 0x111111], [4, 0, 1, 8, 0, 0, 0x7A4B00]]
-        assert tab.faults() == []
+    assert marks == [[0, 0, 0, 0x111111], [4, 0, 1, 8, 0, 0, 0x7A4B00]]
 
 
-@needs_k3d
 @needs_browser
 def test_squares_are_at_the_supports_of_the_state(tmp_path):
     """The first stage holds a node that the second releases, and lifts all supports."""
     stages = [{"name": "grip", "hold": [1]}, {"name": "lift", "release": [1], "move": {"all": [0, 0, 2.0]}}]
-    with standing_runs_of_python(), run(ROLLER | {"stage": stages}, output=tmp_path / "r.vtkhdf") as result:
-        last = result.file["stages/lift/displacement"][:] + result.file["net/particles"][:]
-    run_on_standing_ranks("view", tmp_path / "r.vtkhdf")
     marks = "const of = (k) => { const at = s.k3d.getWorld().ObjectsListJson[k];"
     marks += "return at.visible ? [...at.positions.data] : []; }; return [of(SUPPORTS), of(GUIDED)];"
-    with browser.browser() as tab:
-        tab.open(tmp_path / "r.html")
+    with page_of(ROLLER | {"stage": stages}, tmp_path) as (tab, result):
+        last = result.file["stages/lift/displacement"][:] + result.file["net/particles"][:]
         for k, (full, guided) in enumerate([([[0, 0, 0], [4, 0, 1]], [[8, 0, 0]]), (last[:1], last[2:])]):
             choice = f"choose(s, s.page.states.findIndex(t => t.name.includes('{stages[k]['name']}')));"
             at = tab.run(f"return netfall.then(s => {{ {choice} {marks} }})")
             assert np.allclose(at[0], np.ravel(full), atol=1e-3), (k, at)
             assert np.allclose(at[1], np.ravel(guided), atol=1e-2), (k, at)
-        assert tab.faults() == []
 
 
-@needs_k3d
 @needs_browser
 def test_each_view_shows_the_whole_net_and_a_click_selects_an_element(its_page):
     """Points and axis numbers are visible after each button. The text describes the selected element."""
@@ -246,8 +251,7 @@ def test_each_view_shows_the_whole_net_and_a_click_selects_an_element(its_page):
     points += "const place = (k) => s.points.subarray(3 * k, 3 * k + 3);"
     points += "const at = (k) => camera.position.clone().set(...place(k)).project(camera);"
     points += "return [...Array(n).keys()].map(k => at(k).toArray()); })"
-    with browser.browser() as tab:
-        tab.open(its_page)
+    with opened(its_page) as tab:
         for side in ("plan", "front", "side", "space"):
             tab.run(f"return netfall.then(() => document.querySelector('[data-view={side}]').click())")
             time.sleep(0.5)  # until it is drawn, or somewhat later
@@ -258,10 +262,8 @@ def test_each_view_shows_the_whole_net_and_a_click_selects_an_element(its_page):
         marked, drawn = (f"return netfall.then(s => [...s.kinds[{k}].vertices])" for k in ("PICKED", "TAUT"))
         assert tab.run(marked) == tab.run(drawn)[18:24]
         assert tab.run("return document.getElementById('picked').textContent").startswith("element 3")
-        assert tab.faults() == []
 
 
-@needs_k3d
 @needs_browser
 def test_a_browser_that_cannot_draw_shows_a_message(its_page):
     with browser.browser("--disable-3d-apis") as tab:
@@ -269,7 +271,6 @@ def test_a_browser_that_cannot_draw_shows_a_message(its_page):
         assert "WebGL is switched off" in tab.run("return document.getElementById('fault').textContent")
 
 
-@needs_k3d
 @needs_browser
 def test_the_page_shows_forces_of_weak_elements_beside_strong_ones(tmp_path):
     """All four digits of stays with 1 / 3200 of the force of a chord are those of the result."""
@@ -278,16 +279,12 @@ def test_the_page_shows_forces_of_weak_elements_beside_strong_ones(tmp_path):
     net = Net(nodes, elements, groups=groups, fixed=np.arange(5) > 0)
     cable = {"modulus": 1.6e11, "area": 2e-2, "density": 7850.0, "prestress": 16e6}
     job = {"net": net, "cable": cable, "group": {"stay": {"area": 3e-5, "prestress": 4999.0}}}
-    run(job | {"load": {"steps": 1}}, output=tmp_path / "r.vtkhdf").close()
-    page.write_page(tmp_path / "r.vtkhdf", tmp_path / "r.html")
     picked = "s.picked = 3; tellPicked(s); return document.getElementById('picked').textContent"
-    with browser.browser() as tab:
-        tab.open(tmp_path / "r.html")
+    with page_of(job | {"load": {"steps": 1}}, tmp_path) as (tab, _):
         shown = tab.run(f"return netfall.then(s => {{ {picked} }})")
     assert "axial force 0.004999 MN; elastic strain 0.1041 %" in shown
 
 
-@needs_k3d
 @needs_browser
 def test_the_parts_of_a_slack_element_are_drawn_slack(tmp_path):
     """They hang from each other with less than their weight of 620 N, in the page and in a picture."""
@@ -296,35 +293,27 @@ def test_the_parts_of_a_slack_element_are_drawn_slack(tmp_path):
     net |= {"subdivide": 4}
     cable = {"modulus": 1.6e11, "area": 9e-4, "density": 7850.0, "prestress": 5e4}
     job = {"net": net, "cable": cable, "form_finding": {"method": "given_geometry"}, "load": {"steps": 1}}
-    with run(job, output=tmp_path / "r.vtkhdf") as result:
+    kinds = "[...Array(8).keys()].map(e => kindOf(s, e) === SLACK)"
+    with page_of(job, tmp_path) as (tab, result):
         N = result.file["statics/tension"][-1]
         assert (N[4:] > 0.0).all() and (N[4:] < 620.0).all()
         figure = one_state(result.file, find_equilibrium(result.file, "statics"))
-    figure.draw_without_rendering()
-    slack = [c for c in figure.axes[0].collections if to_hex(c.get_edgecolor()[0]) == SLACK]
-    assert [len(lines.get_segments()) for lines in slack] == [4]
-    plt.close(figure)
-    page.write_page(tmp_path / "r.vtkhdf", tmp_path / "r.html")
-    kinds = "[...Array(8).keys()].map(e => kindOf(s, e) === SLACK)"
-    with browser.browser() as tab:
-        tab.open(tmp_path / "r.html")
         drawn = tab.run(
             f"return netfall.then(s => {{ choose(s, s.page.states.length - 1); return {kinds} }})"
         )
+    figure.draw_without_rendering()
+    slack = [c for c in figure.axes[0].collections if to_hex(c.get_edgecolor()[0]) == SLACK]
+    assert [len(lines.get_segments()) for lines in slack] == [4]
     assert drawn == [False] * 4 + [True] * 4
 
 
-@needs_k3d
 @needs_browser
 def test_a_compressed_bar_has_no_utilisation_in_tension(tmp_path):
     """A negative share of the tensile resistance would hide that it may buckle."""
     cable = ROLLER["cable"] | {"yield_stress": 235e6}
-    run(ROLLER | {"cable": cable}, output=tmp_path / "r.vtkhdf").close()
-    page.write_page(tmp_path / "r.vtkhdf", tmp_path / "r.html")
     choose = "document.getElementById('state').value = s.page.states.length - 1;"
     choose += "document.getElementById('state').dispatchEvent(new Event('change'));"
-    with browser.browser() as tab:
-        tab.open(tmp_path / "r.html")
+    with page_of(ROLLER | {"cable": cable}, tmp_path) as (tab, _):
         texts = [
             tab.run(f"""return netfall.then(s => {{ {choose} s.picked = {element}; tellPicked(s);
                 return document.getElementById('picked').textContent }})""")
@@ -334,17 +323,13 @@ def test_a_compressed_bar_has_no_utilisation_in_tension(tmp_path):
     assert "none" not in texts[0]
 
 
-@needs_k3d
 @needs_browser
 def test_a_net_in_survey_coordinates_is_drawn_exactly(tmp_path):
     """Single precision resolves coordinates of 5,400 km to 0.5 m only."""
     nodes, place = np.array([[0, 0, 0], [4, 1, 1], [8, 0.3, 0]]), np.array([512345.0, 5412345.0, 430.0])
     net = Net(nodes=nodes + place, elements=[[0, 1], [1, 2]], fixed=[True, False, True])
     cable = {"modulus": 1.6e11, "area": 5e-4, "density": 7850.0}
-    run({"net": net, "cable": cable, "load": {"steps": 1}}, output=tmp_path / "r.vtkhdf").close()
-    page.write_page(tmp_path / "r.vtkhdf", tmp_path / "r.html")
-    with browser.browser() as tab:
-        tab.open(tmp_path / "r.html")
+    with page_of({"net": net, "cable": cable, "load": {"steps": 1}}, tmp_path) as (tab, _):
         drawn = np.reshape(tab.run("return netfall.then(s => [...s.page.start])"), (-1, 3))
         low, high = np.array(tab.run("return netfall.then(s => s.page.window)"))
     assert drawn - drawn[0] == pytest.approx(nodes, abs=1e-5)
@@ -352,26 +337,22 @@ def test_a_net_in_survey_coordinates_is_drawn_exactly(tmp_path):
     assert (page.far_origin(np.array([[0.0, -50.0, 0.0], [8.0, 50.0, 1.0]])) == 0.0).all()
 
 
-@needs_k3d
 @needs_browser
 def test_the_colours_show_the_overload_of_one_state(tmp_path):
     """Many snapshots without overload do not limit the colour scales below it."""
     cable = {"modulus": 160e9, "area": 4e-4, "density": 7850.0, "prestress": 60e3, "breaking_load": 200e3}
     job = {"net": {"generator": "saddle", "saddle": {"cells": 4}}, "cable": cable, "form_finding": {}}
     job |= {"case": [{"name": "snow", "set": {"load.snow": 2000.0}}], "dynamics": {"duration": 0.5}}
-    with run(job, output=tmp_path / "r.vtkhdf") as result:
-        tension = result.cases["snow"]["tension"]
-        largest = page.build_page(result.file).data["quantities"][0]["tension"][1]
-    assert tension.max() > 200e3 and largest > 0.98 * tension.max()
-    page.write_page(tmp_path / "r.vtkhdf", tmp_path / "r.html")
     choose = """for (const [id, part] of [['state', 'snow'], ['quantity', 'utilisation']]) {
         const list = document.getElementById(id), all = [...list.options];
         list.value = all.findIndex(option => option.text.includes(part));
         list.dispatchEvent(new Event('change'));
     }"""
     colours = "return netfall.then(s => [...s.kinds[TAUT].colours].filter((_, k) => k % 2))"
-    with browser.browser() as tab:
-        tab.open(tmp_path / "r.html")
+    with page_of(job, tmp_path) as (tab, result):
+        tension = result.cases["snow"]["tension"]
+        largest = page.build_page(result.file).data["quantities"][0]["tension"][1]
+        assert tension.max() > 200e3 and largest > 0.98 * tension.max()
         tab.run(f"return netfall.then(() => {{ {choose} return 1 }})")
         over = tension > 200e3 / 1.5
         assert over.any() and not over.all()
