@@ -387,6 +387,32 @@ def test_neither_stages_of_erection_nor_the_form_before_them_count_in_service(wo
     assert in_service in workshop.report().page
 
 
+@pytest.mark.parametrize("form", ["", '[form_finding]\nmethod = "given_geometry"\n'])
+@pytest.mark.parametrize("stages", [1, 2])
+def test_stages_of_erection_have_the_stress_limit_of_construction(workshop, form, stages):
+    """EN 1993-1-11, 7.2 allows 0.55 F_uk, and 0.45 F_uk in service, which begins with the last stage."""
+    lift = '[[stage]]\nname = "lift"\nset = {"load.snow" = 23e3}\n'
+    done = '[[stage]]\nname = "done"\nset = {"load.snow" = 0.0}\n' * (stages - 1)
+    with workshop.solve(CASES + form + lift + done, ROOFED, ELEMENTS.format(ROWS)) as f:
+        N = f["stages/lift/tension"][:].max()
+    report = workshop.report()
+    rows = {row["check"]: row for row in rows_of(report.folder / "checks.csv") if row["group"] == "upper"}
+    share = N / (0.55 * 240e3)
+    assert float(rows["en1993_erection"]["utilisation"]) == pytest.approx(share, rel=1e-9) and share > 1.0
+    assert rows["en1993_erection"]["case"] == "stage lift" and "en1993_erection FAILS" in report.page
+    last = f"stage lift{'; stage done' * (stages - 1)}".split("; ")[-1]
+    in_service = f"Of kind SLS. The largest tension of each element in: {last}; permanent loads; case snow;"
+    assert in_service in report.page
+    lifted = "; ".join(["stage lift", "stage done"][:stages])
+    assert f"Of kind ULS. The largest tension of each element in: {lifted}; permanent" in report.page
+    assert f"Of kind erection. The largest tension of each element in: {lifted}.\n" in report.page
+
+
+def test_a_job_without_stages_has_no_check_of_erection(snowed):
+    """Its columns and rows would all be empty."""
+    assert "en1993_erection" not in (snowed[1] / "summary.md").read_text()
+
+
 @pytest.mark.parametrize("stage", ["", '[[stage]]\nname = "lift"\n'])
 def test_the_report_states_that_stages_of_erection_have_no_partial_factors(workshop, stage):
     """The remark follows the states of an ultimate check, also of a job with combinations of kind ULS."""

@@ -20,7 +20,7 @@ from netfall.post.checks.bending import (
     is_concrete,
     moment_columns,
 )
-from netfall.post.checks.codes import IN_TENSION, WITH_MOMENT, Check
+from netfall.post.checks.codes import ERECTION_KIND, IN_TENSION, WITH_MOMENT, Check
 from netfall.results import losses, states
 from netfall.results.file import COMBINATION_KINDS, read_cases
 from netfall.results.states import PERMANENT, Envelope, group_title, last_stage, passes_limit_point
@@ -40,29 +40,39 @@ UNVERIFIED_STATES = {  # of an equilibrium, also after a member removal: reason 
 }
 
 
-def stage_kinds(f: h5py.File, envelope: Envelope) -> np.ndarray:
-    """Return the kind of case (`results.file.Case`) of each stage in an envelope, PERMANENT, or "".
+BEFORE_ERECTION = "before erection"  # kind of a form that stages of erection follow
 
-    The form counts as PERMANENT, unless stages of erection follow: the structure is never in that state.
+
+def stage_kinds(f: h5py.File, envelope: Envelope) -> np.ndarray:
+    """Return the kind of case (`results.file.Case`) of each stage in an envelope, or another kind.
+
+    Others are PERMANENT, ERECTION_KIND, BEFORE_ERECTION and "". A form counts as PERMANENT, unless stages of
+    erection follow: the structure is never in that state, so no check includes it.
     """
     kinds = {case.shown.place: case.kind for case in read_cases(f)} | {PERMANENT: PERMANENT}
-    first = "" if any(path.startswith("stages/") for path in envelope.places) else PERMANENT
-    return np.array([first, *(kinds.get(path, "") for path in envelope.places[1:])], object)
+    kinds |= {path: ERECTION_KIND for path in envelope.places if path.startswith("stages/")}
+    first = BEFORE_ERECTION if ERECTION_KIND in kinds.values() else PERMANENT
+    return np.array(
+        [kinds.get(envelope.places[0], first), *(kinds.get(path, "") for path in envelope.places[1:])], object
+    )
 
 
 def counted(kinds: np.ndarray, kind: str) -> np.ndarray:
     """Select the stages (stages,) that count in checks of a kind; kinds : from `stage_kinds`.
 
     If the job has combinations of this kind, these and what counts as PERMANENT count.
-    Ultimate checks also include stages without a kind, such as member removals and dynamics, since their
-    loads are accidental. If the job has no such combinations, all stages except combinations of the other
-    kind count.
+    Ultimate checks also include stages of erection and, since their loads are accidental, stages without a
+    kind, such as member removals and dynamics. If the job has no such combinations, all stages except
+    combinations of the other kind count, in service only the last of erection. Checks of ERECTION_KIND
+    include the stages of erection alone.
     """
-    counts = kinds == kind
+    counts, (ultimate, service) = kinds == kind, COMBINATION_KINDS
     if not kind or not counts.any():
-        return ~np.isin(kinds, COMBINATION_KINDS) if kind else np.ones(len(kinds), bool)
-    counts |= (kinds == "") & (kind == COMBINATION_KINDS[0])
-    return counts | (kinds == PERMANENT)
+        counts = ~np.isin(kinds, [BEFORE_ERECTION, *(COMBINATION_KINDS if kind else ())])
+        counts[np.flatnonzero(kinds == ERECTION_KIND)[: -1 if kind == service else 0]] = False
+    elif kind != ERECTION_KIND:
+        counts |= (kinds == PERMANENT) | np.isin(kinds, ["", ERECTION_KIND]) & (kind == ultimate)
+    return counts
 
 
 def states_not_verified(f: h5py.File, envelope: Envelope, selected: np.ndarray) -> list[tuple[str, str]]:
@@ -89,8 +99,8 @@ def states_not_verified(f: h5py.File, envelope: Envelope, selected: np.ndarray) 
             failed.append((UNVERIFIED_STATES[state], title))
         elif passes_limit_point(f, path):
             failed.append(("beyond limit point", title))
-    chosen = np.flatnonzero(selected)
-    if len(selected) > 1 and all(envelope.places[k] == PERMANENT for k in chosen if k > 0):
+    chosen, has_form = np.flatnonzero(selected), not envelope.places[0].startswith("stages/")
+    if len(selected) > 1 and all(envelope.places[k] == PERMANENT for k in chosen if k >= has_form):
         failed.append(("not checked", " and ".join(envelope.names[k] for k in chosen)))
     return sorted(failed, key=lambda pair: list(NOT_VERIFIED).index(pair[0]))
 
@@ -195,8 +205,9 @@ def element_resistances(f: h5py.File, checks: list[Check]) -> list[np.ndarray]:
 def applicable_checks(f: h5py.File, checks: list[Check]) -> list[tuple[Check, np.ndarray]]:
     """Return checks and resistances (m,) [N], without checks of bars if no bar has the strength.
 
-    All checks are returned if none would remain.
+    A job without stages of erection has no checks of these. All checks are returned if none would remain.
     """
+    checks = [check for check in checks if check.kind != ERECTION_KIND or "stages" in f] or checks
     pairs = list(zip(checks, element_resistances(f, checks)))
     return [pair for pair in pairs if pair[0].of == "tension" or np.isfinite(pair[1]).any()] or pairs
 

@@ -16,6 +16,7 @@ from netfall.post import messages
 SHIPPED = Path(__file__).with_name("codes.toml")
 IN_TENSION = "breaking_load", "yield_force"
 IN_COMPRESSION = "buckling", "euler_load", "member"
+ERECTION_KIND = "erection"  # kind of checks of the stages of erection
 BENDING_KIND = "ULS"  # kind of the combinations for which a report lists moments
 WITH_MOMENT = "section", "member"  # checks of these add M / M_Rd to N / N_Rd
 
@@ -31,7 +32,9 @@ class CheckTable(Section):
 
     name: Text = key("of the check", ...)
     title: Text = key("what it is, in reports", ...)
-    kind: Literal["ULS", "SLS", ""] = key("of the combinations that it is of; absent: of every state", "")
+    kind: Literal["ULS", "SLS", "erection", ""] = key(
+        "of the combinations that it is of, or erection; absent: of every state", ""
+    )
     resistance: SomeTables = key("the least one counts", ...)
 
 
@@ -59,7 +62,7 @@ class Factor(Section):
 class Check:
     """Check of tension, of compression, or of axial force with bending.
 
-    kind : one of COMBINATION_KINDS, the combinations of the check; "": every state
+    kind : one of COMBINATION_KINDS, the combinations of the check, or ERECTION_KIND; "": every state
     resistances : strength and factors of each resistance; the smallest resistance counts
     """
 

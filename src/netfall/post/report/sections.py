@@ -30,10 +30,7 @@ LIMIT_WORDS = {  # attribute of an equilibrium: the limit that its listed elemen
     "yielding": "at the yield force",
 }
 UNFACTORED = "No combination is of kind ULS: loads count as the job gives them, without partial factors."
-ERECTION = (
-    "Loads in stages of erection count as the job gives them, without partial factors. For the tension of "
-    "cables under such loads EN 1993-1-11, 7.2 recommends at most 0.55 F_uk."
-)
+ERECTION = "Loads in stages of erection count as the job gives them, without partial factors."
 GROUP_COLUMNS = {  # heading in tables: dataset of /net and its unit
     "EA [kN]": ("axial_stiffness", 1e3),
     "mass [kg/m]": ("mass_per_length", 1.0),
