@@ -10,11 +10,12 @@ import numpy as np
 from netfall.core.functions import lengths
 from netfall.job.keys.groups import ANY_GROUP, displacement_limits
 from netfall.job.keys.models import Limits
+from netfall.job.validate import Validator
 from netfall.post.checks import cables
 from netfall.post.checks.cables import element_groups, element_name_columns
 from netfall.results import states
 from netfall.results.datasets import EQUILIBRIUM
-from netfall.results.file import COMBINATION_KINDS, Case
+from netfall.results.file import COMBINATION_KINDS, Case, read_job_tables
 
 NAN = np.nan
 REFERENCES = "form", "permanent"  # references of displacements
@@ -225,12 +226,15 @@ def members(f: h5py.File, checked: cables.ElementCheck) -> list[tuple[int, int]]
     return [(e, count) for e, count in rows]
 
 
-def limits_of(f: h5py.File, limits: Limits, cases: list[Case]) -> list[ServiceLimit]:
-    """Compare the combinations of service with the limits of [limits].
+def limits_of(f: h5py.File, cases: list[Case]) -> list[ServiceLimit] | None:
+    """Compare the combinations of service with the limits of [limits]; None: the job has no such section.
 
     The general limit of displacements applies to nodes without a limit of a group. Elements that erection
     removes have no nodes.
     """
+    if (table := read_job_tables(f).get("limits")) is None:
+        return None
+    limits = Validator("", []).table("limits", Limits, table)
     ids, names = f["net/node_id"][:], f["net/group_names"].asstr()[:].tolist()
     allowed = displacement_limits(limits, names)
     ends, groups = f["net/elements"][:], cables.element_groups(f)

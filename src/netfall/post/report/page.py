@@ -12,6 +12,7 @@ from netfall.core.messages import count_of, mm, warning_count
 from netfall.job.values import format_list
 from netfall.post.checks.bending import is_concrete
 from netfall.post.checks.cables import PASSES, Cutting, ElementCheck, element_groups
+from netfall.post.checks.cases import limits_of
 from netfall.post.checks.ends import end_weights
 from netfall.post.checks.nodes import FRICTION_SAFETY
 from netfall.post.report import markdown as md
@@ -79,6 +80,7 @@ def summary(
 ) -> str:
     """Assemble the page; more_warnings : in addition to those of the run."""
     cables, all_cases = tables["cables.csv"], read_cases(f)
+    service = limits_of(f, all_cases)
     bends = "bending_moment_max" in tables["elements.csv"]
     warnings = file.warnings_of_run(f) + more_warnings
     remarks = map(md.item, [*map(md.bold, warnings), *file.notes_of_run(f)])
@@ -88,7 +90,7 @@ def summary(
         "Cases and combinations": all_cases and cases(f, all_cases, tables["cases.csv"]),
         "Checks": checks(f, envelope, checked, tables["checks.csv"]),
         "Elements at a limit": at_limits(f),
-        "Limits in service": (all_cases or "limits" in file.read_job_tables(f)) and limits(f, all_cases),
+        "Limits in service": (all_cases or service is not None) and limits(service, all_cases),
         "Utilisation": _utilisation(f, cables, envelope, checked),
         "Bending": bends and bending(f, envelope, tables),
         "Reinforced concrete": concrete(f, envelope, tables),
@@ -103,23 +105,23 @@ def summary(
         "Shop list": _shop(f, tables["shop_list.csv"]),
         "Tables": _tables(f, tables),
     }
-    verdict = _not_passed(tables["checks.csv"], sections["Limits in service"] or [])
+    verdict = _not_passed(tables["checks.csv"], all(limit.holds for limit in service or ()))
     parts = [[md.heading(1, file.result_title(f) or result.stem), "", *_run_lines(f, result, verdict)]]
     parts += [[md.heading(2, title), "", *lines] for title, lines in sections.items() if lines]
     return "\n".join(map(md.page, parts))
 
 
-def _not_passed(table: dict[str, np.ndarray], limit_lines: list[str]) -> list[str]:
+def _not_passed(table: dict[str, np.ndarray], limits_hold: bool) -> list[str]:
     """Return a line on the checks, with their groups, and the limits that are not passed; [] if all are.
 
-    table : see `group_columns`; limit_lines : of the section on limits
+    table : see `group_columns`
     """
     failed: dict[str, list[str]] = {}
     for check, result, group in zip(table["check"], table["result"], table["group"]):
         if result not in ("", PASSES):
             failed.setdefault(f"{check} {result}", []).append(group or "no group")
     texts = [f"{result} ({format_list(names)})" for result, names in failed.items()]
-    texts += ["limits in service FAIL"] * any(md.bold("FAILS") in line for line in limit_lines)
+    texts += ["limits in service FAIL"] * (not limits_hold)
     return [md.bold(f"Not passed: {'; '.join(texts)}.")] if texts else []
 
 

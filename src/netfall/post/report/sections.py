@@ -4,16 +4,14 @@ import h5py
 import numpy as np
 
 from netfall.job.keys.entries import CASE_LOAD_KEYS, CASE_WIND_KEYS, flatten_settings
-from netfall.job.keys.models import Limits
-from netfall.job.validate import Validator
 from netfall.job.values import format_value
 from netfall.post.checks import cables
 from netfall.post.checks.bending import is_bending, is_concrete
 from netfall.post.checks.cases import (
     REFERENCES,
+    ServiceLimit,
     count_slack_cables,
     largest_displacements,
-    limits_of,
     members,
 )
 from netfall.post.checks.codes import BENDING_KIND
@@ -197,12 +195,10 @@ def most_used(f: h5py.File, envelope: states.Envelope, checked: list[cables.Elem
     return ["", f"The {len(lines)} highest utilisations by {first.name}:", "", *table] if lines else []
 
 
-def limits(f: h5py.File, all_cases: list[Case]) -> list[str]:
-    """Return the table of the service limits."""
-    table = read_job_tables(f).get("limits")
-    if table is None:
+def limits(results: list[ServiceLimit] | None, all_cases: list[Case]) -> list[str]:
+    """Return the table of the service limits; results : from `limits_of`"""
+    if results is None:
         return ["None: the job has no [limits]."]
-    results = limits_of(f, Validator("", []).table("limits", Limits, table), all_cases)
     if not results and any(case.kind == COMBINATION_KINDS[1] for case in all_cases):
         return ["None: [limits] limits neither displacements nor slack cables."]
     if not results:
