@@ -436,7 +436,7 @@ def test_removals_and_random_keys_are_plotted_and_described(tmp_path):
     ):
         study = read_study(tmp_path / f"{name}.study.h5")
         pictures = pictures_of(study)
-        assert list(pictures) == known + new
+        assert [name for name, draw in pictures.items() if draw] == known + new
         for picture in new:
             pictures[picture](study).savefig(tmp_path / f"{picture}.png", dpi=60)
             assert (tmp_path / f"{picture}.png").stat().st_size > 10_000

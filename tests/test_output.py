@@ -264,6 +264,17 @@ def load_path(path, factors, tension, z, attributes=()):
         return load_displacement(f)
 
 
+def test_a_plot_removes_pictures_of_an_earlier_result(workshop):
+    """The wind of an earlier run must not pass for that of this one, which has none."""
+    workshop.solve(STEEL + MAST + "[form_finding]\n", *mast_and_ring()).close()
+    result, folder = workshop.folder / "result.vtkhdf", workshop.folder
+    drawn = plot_all(result, folder)
+    (folder / "result_wind.png").write_bytes(drawn[0].read_bytes())
+    (folder / "result_modes.png").write_text("of the user")
+    assert plot_all(result, folder) == drawn
+    assert {*folder.glob("*.png")} == {*drawn, folder / "result_modes.png"}
+
+
 def test_a_load_path_within_the_tolerance_is_not_drawn(tmp_path):
     """Displacements of 74 mm that change by 5e-9 m are noise; 1e-6 m are drawn without an offset."""
     for change, drawn in ((5e-9, False), (1e-6, True)):

@@ -1,6 +1,6 @@
 """Common parts of all pictures: sizes, fonts, colours; figures; nets in space and in plan."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from textwrap import fill
 from typing import Any, cast
@@ -73,6 +73,17 @@ LEADER = {"arrowstyle": "-", "lw": 0.5, "color": "0.4", "shrinkA": 0, "shrinkB":
 ITERATIONS = 500  # about 0.5 s for a picture with 30 labels
 
 
+SOFTWARE = {"Software": "netfall"}  # text in each picture
+MARK, HEAD = b"Software\0netfall", 200  # the same in its file, and the number of bytes that contain it
+
+
+def remove_earlier(paths: Iterable[Path]) -> None:
+    """Remove the files that are pictures of netfall, which an earlier result has left."""
+    for path in paths:
+        if path.is_file() and MARK in path.read_bytes()[:HEAD]:
+            path.unlink()
+
+
 def save(figure: Figure, path: Path) -> Path:
     """Write a picture completely or not at all, close it, and return its path.
 
@@ -91,10 +102,9 @@ def save(figure: Figure, path: Path) -> Path:
     figure.set_layout_engine(None)  # it has placed everything; to do so again takes a quarter of the time
     box, width = figure.get_tightbbox(), figure.get_figwidth()
     margin = min(box.x0, width - box.x1)
+    cropped = Bbox.from_extents(margin, box.y0, width - margin, box.y1).padded(0.2)
     with whole(path) as temporary:
-        figure.savefig(
-            temporary, bbox_inches=Bbox.from_extents(margin, box.y0, width - margin, box.y1).padded(0.2)
-        )
+        figure.savefig(temporary, bbox_inches=cropped, metadata=SOFTWARE)
     plt.close(figure)
     return path
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import h5py
 
 from netfall.post.plots import curves
-from netfall.post.plots.canvas import save
+from netfall.post.plots.canvas import remove_earlier, save
 from netfall.post.plots.collapse import collapse
 from netfall.post.plots.roof import roof
 from netfall.post.plots.states import find_equilibrium, form, modes, one_state, stages, states
@@ -67,10 +67,14 @@ def file_suffix(name: str, place: str, groups: list[str], room: int) -> str:
 def plot_all(result: Path, folder: Path) -> list[Path]:
     """Write every picture for which the result file has data, and return their paths.
 
+    Pictures of an earlier result of this name for which it has none are removed.
+
     Raises InputError for a wrong file.
     """
     with open_checked(result) as f:
-        return draw_pictures(f, folder, f"{result.stem}_", *PICTURES)
+        drawn = draw_pictures(f, folder, f"{result.stem}_", *PICTURES)
+    remove_earlier({folder / f"{result.stem}_{name}.png" for name in PICTURES} - {*drawn})
+    return drawn
 
 
 def draw_pictures(f: h5py.File, folder: Path, prefix: str, *names: str) -> list[Path]:

@@ -33,7 +33,7 @@ from netfall.post.checks.codes import check_groups, read_codes
 from netfall.post.checks.ends import end_weights
 from netfall.post.checks.nodes import reaction_columns, slip_point_columns
 from netfall.post.checks.shop import Deduction, read_deductions, shop_columns
-from netfall.post.plots.canvas import save
+from netfall.post.plots.canvas import remove_earlier, save
 from netfall.post.plots.run import draw_pictures
 from netfall.post.plots.utilisation import dynamic_factors, moments, utilisation
 from netfall.post.report.page import summary
@@ -43,11 +43,11 @@ from netfall.results.states import Envelope, compute_envelope
 
 CELL = re.compile(r"<t[dh]\b.*?</t[dh]>")  # table cell; long names in it may break after a _
 PICTURE_WIDTH = 660  # pixels; width of pictures in word processors, while browsers fit them to the window
-OPTIONAL = {  # files that not every report has, and how their text begins
+OPTIONAL_TABLES = {  # tables that not every report has, and how their text begins
     "moments.csv": b"element,group,node",
     "slides.csv": b"node,cable,stage",
-    **dict.fromkeys(("form.png", "stages.png", "states.png", "moments.png", "dynamic_factors.png"), b""),
 }
+OPTIONAL_PICTURES = {"form.png", "stages.png", "states.png", "moments.png", "dynamic_factors.png"}
 PAGE = Path(__file__).with_name("page.html")
 
 
@@ -115,23 +115,16 @@ def write_report(
         pictures = _pictures(f, envelope, checked, tables, folder)
         title = result_title(f) or result.stem
         pages = {"summary.md": text, "report.html": one_page(text, title, folder, pictures)}
-    _remove_earlier(folder, {*tables, *pictures})
+    for name in OPTIONAL_TABLES.keys() - tables.keys():
+        if (folder / name).exists() and (folder / name).read_bytes().startswith(OPTIONAL_TABLES[name]):
+            (folder / name).unlink()
+    remove_earlier(folder / name for name in OPTIONAL_PICTURES - {*pictures})
     for name, page in pages.items():
         with whole(folder / name) as temporary:
             temporary.write_text(page, encoding="utf-8", errors="surrogateescape")
     for line in warnings + notes:
         say(line)
     return [folder / name for name in (*pages, *tables, *pictures)]
-
-
-def _remove_earlier(folder: Path, names: set[str]) -> None:
-    """Remove the files of an earlier report in this folder that are not among the names of this one."""
-    page = folder / "summary.md"
-    earlier = page.read_text(errors="replace") if page.exists() else ""
-    for name, start in OPTIONAL.items():
-        path = folder / name
-        if name in earlier and name not in names and path.exists() and path.read_bytes().startswith(start):
-            path.unlink()
 
 
 def _tables(

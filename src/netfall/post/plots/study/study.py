@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from netfall.job.csv_table import write_table
 from netfall.post.plots import canvas
-from netfall.post.plots.canvas import save
+from netfall.post.plots.canvas import remove_earlier, save
 from netfall.post.plots.study.fragility import fragility, hazard
 from netfall.post.plots.study.maps import breaks, loss_map, removal_chart
 from netfall.results.datasets import OUTCOME_BY_NAME
@@ -110,8 +110,8 @@ def _scaled(name: str, values: np.ndarray, description: str) -> tuple[np.ndarray
     return factor * values, f"{description} [{unit}]" if unit else description
 
 
-def pictures_of(study: Study) -> dict[str, Callable[[Study], Figure]]:
-    """Return the pictures for which a study has data: the drawing functions by name."""
+def pictures_of(study: Study) -> dict[str, Callable[[Study], Figure] | None]:
+    """Return the pictures of a study: the drawing functions by name, None without data for it."""
     losses = losses_of(study)
     has_breaks = bool(study.breaks.any())
     pictures = [
@@ -123,15 +123,18 @@ def pictures_of(study: Study) -> dict[str, Callable[[Study], Figure]]:
         ("losses", removal_chart, losses is not None),
         ("inputs", inputs, bool(drawn_inputs(study)) and bool(responses(study))),
     ]
-    return {name: draw for name, draw, present in pictures if present}
+    return {name: draw if present else None for name, draw, present in pictures}
 
 
 def plot_study(path: Path, folder: Path) -> list[Path]:
-    """Write every picture for which the study has data, and the table of samples; return their paths."""
+    """Write every picture for which the study has data, and the table of samples; return their paths.
+
+    Pictures of an earlier study of this name for which it has none are removed.
+    """
     study = read_study(path)
-    written = []
-    for name, draw in pictures_of(study).items():
-        written.append(save(draw(study), folder / f"{study.name}_{name}.png"))
+    pictures = {folder / f"{study.name}_{name}.png": draw for name, draw in pictures_of(study).items()}
+    written = [save(draw(study), picture) for picture, draw in pictures.items() if draw]
+    remove_earlier(pictures.keys() - {*written})
     written.append(folder / f"{study.name}_samples.csv")
     with whole(written[-1]) as temporary:
         drawn_names = [name for name in study.samples if name not in OUTCOME_BY_NAME]
