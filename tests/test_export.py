@@ -231,6 +231,8 @@ def test_the_geometry_of_a_failed_stage_is_no_form(tmp_path):
     for name, time, is_warned in (("r", None, True), ("r.dxf", None, True), ("end", np.inf, False)):
         lines = written(tmp_path / "r.vtkhdf", tmp_path / name, time)
         assert any("stage jack: no equilibrium" in line for line in lines) == is_warned, name
+        if name == "r":
+            assert "stage jack: no equilibrium" in (tmp_path / name / "README.txt").read_text()
 
 
 def test_faces_of_removed_elements_are_exported(tmp_path):

@@ -12,7 +12,6 @@ from netfall.exchange.formats import endings
 from netfall.exchange.state import MARK, NET_RECORD, export_state
 from netfall.results.file import missing_dataset_errors
 from netfall.results.reader import Result
-from netfall.results.states import group_title, last_stage, no_equilibrium
 
 
 def export(
@@ -48,10 +47,8 @@ def export(
     if unit != "m" and not form.UNITS:
         raise InputError(messages.METRES_ONLY(unit=unit, ending=ending))
     with Result(source) as result, missing_dataset_errors(source):
-        state, stage = export_state(result, time, case), last_stage(result.file)
-        lines = form.write(result, state, target, unit)
-        if state.is_form and stage and no_equilibrium(result.file[stage]):
-            lines.append(messages.FORM_OF_FAILED_STAGE(stage=group_title(result.file, stage)))
+        state = export_state(result, time, case)
+        lines = form.write(result, state, target, unit) + state.warnings
         if form.CONTENTS is not None:
             contents = [
                 word for word, has in net_contents(result).items() if has and word not in form.CONTENTS

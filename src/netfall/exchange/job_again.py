@@ -63,7 +63,7 @@ def write_rerun_job(
     head = HEAD.format(mark=MARK, title=one_line(result.title))
     ordered_job = {name: job[name] for name in ("title", "net", "cable", "group") if name in job} | job
     (folder / "job.toml").write_text(head + toml_text(ordered_job), encoding="utf-8")
-    return [f"{folder / 'job.toml'}: runs this net again, without form finding", *lines]
+    return [f"{folder / 'job.toml'}: a job of this net, without form finding", *lines]
 
 
 def _obstacle(result: Result, state: ExportState, job: dict[str, Any]) -> str:

@@ -9,7 +9,14 @@ from netfall.exchange import messages
 from netfall.job.values import counted, suggest
 from netfall.results.file import Case, read_cases
 from netfall.results.reader import Result
-from netfall.results.states import absent, start_position, start_tension
+from netfall.results.states import (
+    absent,
+    group_title,
+    last_stage,
+    no_equilibrium,
+    start_position,
+    start_tension,
+)
 
 MARK = "by netfall"  # mark in each exported file; only files with the mark are replaced
 NET_RECORD = "provenance/net"  # group of the data that the tables of a net need in addition to /net
@@ -25,6 +32,7 @@ class ExportState:
     ends : (m, 2) rows of points; element_id : (m,) unique; cable : (m,) ids of the tables
     group : (m,) names; tension : (m,) [N]; broken : (m,) bool
     unstressed_length, unstressed_length_warm : (m,) [m] at the temperature of form finding, of the loads
+    warnings : on the state, for the user
     """
 
     name: str
@@ -42,6 +50,7 @@ class ExportState:
     unstressed_length: np.ndarray
     unstressed_length_warm: np.ndarray
     broken: np.ndarray
+    warnings: list[str]
 
     @property
     def is_form(self) -> bool:
@@ -82,6 +91,7 @@ def export_state(result: Result, time: float | None, case: str | None) -> Export
 
     Raises InputError for a time that the run did not reach, or an unknown case.
     """
+    warnings, stage = list[str](), last_stage(result.file)
     if time is None:
         position, tension, name = form_of(result) + ("form",)
         displacement = np.zeros_like(position)
@@ -89,6 +99,8 @@ def export_state(result: Result, time: float | None, case: str | None) -> Export
             shown = find_case(result, case).shown
             displacement, tension, name = shown.position() - position, shown.tension(), shown.name
             position = shown.position()
+        elif stage and no_equilibrium(result.file[stage]):
+            warnings.append(messages.FORM_OF_FAILED_STAGE(stage=group_title(result.file, stage)))
         broken, ends = np.zeros(len(tension), bool), result.file["net/elements"][:]
         removed = absent(result.file)  # after the last stage of erection
         ends[removed, 1] = ends[removed, 0]
@@ -114,6 +126,7 @@ def export_state(result: Result, time: float | None, case: str | None) -> Export
         unstressed_length=result.elements["unstressed_length"],
         unstressed_length_warm=result.elements["unstressed_length_warm"],
         broken=broken,
+        warnings=warnings,
     )
 
 

@@ -37,7 +37,9 @@ def write(result: Result, state: ExportState, folder: Path, unit: str) -> list[s
             line.replace(str(temporary), str(folder)) for line in _write_tables(result, state, temporary)
         ]
         _check_copies(folder, temporary, is_export)
-        (temporary / README_NAME).write_text("\n".join([MARK, *lines]) + "\n", encoding="utf-8")
+        (temporary / README_NAME).write_text(
+            "\n".join([MARK, *lines, *state.warnings]) + "\n", encoding="utf-8"
+        )
         for name in FILES:  # remove files of an earlier export that this export lacks
             if not (temporary / name).exists():
                 (folder / name).unlink(missing_ok=True)
