@@ -725,6 +725,26 @@ def test_animation_has_a_picture_for_each_frame(storm, tmp_path):
     assert len(storm["events/time"]) > 3 and max(red[-5:]) > red[0] + 20
 
 
+def test_a_film_shows_a_removed_element_and_its_end(workshop):
+    """Frames are at whole time steps, here 0.3003 s. Removed elements have no line in the result."""
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,5,0,-1,0\n3,10,0,0,1\n4,5,5,0,1\n"
+    elements = "id,start,end,prestress\n1,1,2,2e4\n2,2,3,2e4\n3,2,4,0\n"
+    text = STEEL + "[dynamics]\nduration = 0.6006\ntime_step = 7.7e-4\n[output]\nframes = 6\n"
+    text += "[[remove]]\nelements = [3]\ntime = 0.1\n"
+    with workshop.solve(text, nodes, elements) as f:
+        times, path = f["VTKHDF/Steps/Values"][:], Path(f.filename)
+    assert times[3] == pytest.approx(0.3003)
+    ((film, words),) = animate(path, workshop.folder, "gif", 10, FilmView(until=0.3))
+    assert words.startswith("4 frames at 10 a second: 0.4 s for 0.3003 s")
+    with Image.open(film) as pictures:
+        red = []
+        for k in (0, 3):
+            pictures.seek(k)
+            colours = np.asarray(pictures.convert("RGB"), float)[150:440]
+            red.append(int(((colours[..., 0] > 180) & (colours[..., 1:] < 90).all(-1)).sum()))
+    assert red[1] > red[0] + 20
+
+
 def test_animation_with_another_view_size_and_end(storm, tmp_path):
     """The file is MP4, read by ffmpeg. An end before the second frame is an error."""
     shot = FilmView(VIEWS["plan"], (640, 480), 1.3, 0.41)

@@ -18,11 +18,12 @@ STAGES = 6  # panels
 FRACTURE_SHARES = (0.0, 0.1, 0.35, 0.7, 1.0)  # shares of all fractures, at which a panel is drawn
 VIEW_PERCENTILES = 2.0, 98.0  # percentiles of element positions that the view contains
 MAX_VIEW_MARGIN = 0.35  # share of the net's largest extent, by which the view exceeds the net at most
+BROKEN = "broken; dashed: out of the net"
 STYLES = (
     ("taut", "#30507a", 0.8),
     ("compressed", "#c77700", 0.9),
     ("slack", "#9ab8d8", 0.6),
-    ("broken; dashed: out of the net", canvas.BROKEN, 1.5),
+    (BROKEN, canvas.BROKEN, 1.5),
 )
 
 

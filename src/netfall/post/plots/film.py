@@ -1,7 +1,7 @@
 """Films of the dynamic stage and of the stages of erection, by matplotlib.animation and ffmpeg.
 
 The axes are fixed around the initial roof, with space for nearly all elements that leave it. The colour scale
-is fixed too. Broken and removed elements are red.
+is fixed too. Broken and removed elements are red. Those out of the net are dashed lines in the first place.
 """
 
 from collections.abc import Callable
@@ -29,6 +29,7 @@ from netfall.results.losses import removal_times
 
 DPI = 100  # pixels per inch
 MAX_FRAMES = 600  # frames in a film; of more, every k-th is shown
+LATE = 0.1  # share of the interval by which a frame may follow the end; frames are at whole time steps
 MOST_LINES = 20_000  # elements in a frame; of more, every k-th is drawn
 FILM_VIEW_SAMPLES = 25  # frames from which the view is computed
 MAX_GIF_FRAME_RATE = 50  # frames per second that viewers show of a GIF
@@ -77,10 +78,10 @@ def _motion(f: h5py.File, until: float) -> Reel:
     frames, removals = Frames(f), removal_times(f)
     times, removals = frames.times, removals[np.isfinite(removals)]
     total = len(np.unique(frames.element_id[frames.there]))
-    count = int(np.searchsorted(times, until, side="right"))
+    count = int(np.searchsorted(times, until + LATE * (times[1] - times[0])))
     if count < 2:
         raise InputError(messages.UNTIL_TOO_EARLY(until=until, time=times[1]))
-    steps = np.arange(0, count, -(-count // MAX_FRAMES))
+    steps = np.append(np.arange(0, count - 1, -(-count // MAX_FRAMES)), count - 1)
     failed = "broken or removed" if len(removals) else "broken"
 
     def words(step: int, outside: int) -> str:
@@ -145,6 +146,7 @@ def animate(
 def _open_film(f: h5py.File, reel: Reel, shot: FilmView) -> tuple[Figure, Callable[[int], None]]:
     """Open the figure of a film with scales, legend and time bar; return it and a function to draw a step."""
     frames, every = reel.frames, max(1, reel.frames.cells // MOST_LINES)
+    initial_lines = frames.positions(0)[f["net/elements"][:]]
     samples = np.unique(np.linspace(0, len(reel.steps) - 1, FILM_VIEW_SAMPLES).astype(int))
     window = collapse.view(frames.lines(0), [frames.lines(step) for step in reel.steps[samples]])
     N = [np.where(frames.broken(step), 0.0, frames.tension(step))[::every] for step in reel.steps]
@@ -172,12 +174,16 @@ def _open_film(f: h5py.File, reel: Reel, shot: FilmView) -> tuple[Figure, Callab
         force.add_supports(f, axes, frames.positions(step)[: len(f["net/fixed"])], reel.place(step))
         force.add_by_force(axes, lines[intact], N[intact], scale, width)
         canvas.add_lines(axes, lines[inside & broken], colors=canvas.BROKEN, linewidths=1.4 * width)
+        removed = broken & (lines[:, 0] == lines[:, 1]).all(axis=1)
+        canvas.add_lines(
+            axes, initial_lines[rows][removed], colors=canvas.BROKEN, linewidths=1.4 * width, linestyles="--"
+        )
         words = reel.words(step, int((~inside).sum()) * every)
         canvas.set_figure_title(figure, result_title(f), f"\n{words}")
         done.set_width(frames.times[step] - reel.begin)
 
     draw_frame(reel.steps[0])
-    kinds = [(force.SLACK, "slack"), (canvas.BROKEN, "broken")][: 1 + isinstance(frames, Frames)]
+    kinds = [(force.SLACK, "slack"), (canvas.BROKEN, collapse.BROKEN)][: 1 + isinstance(frames, Frames)]
     lines = [Line2D([], [], color=colour, lw=2, label=name) for colour, name in kinds]
     axes.legend(handles=[*axes.get_legend_handles_labels()[0], *lines], loc="upper left")
     figure.draw_without_rendering()
