@@ -71,9 +71,10 @@ def test_resistances_are_those_of_the_codes(tmp_path):
     F_uk = 1e3 * np.array([240.0, 1520.0, 1615.0, 10075.0, 1520.0, np.inf])
     strengths = {"breaking_load": F_uk, "yield_force": np.array([np.inf] * 4 + [900e3, np.inf])}
     groups = np.array(["a", "a", "a", "a", "b", "a"], object)
-    en, service, asce = (check.resistance(strengths, groups) for check in read_codes()[:3])
+    en, service, erection, asce = (check.resistance(strengths, groups) for check in read_codes()[:4])
     assert np.round(en / 1e3)[:5].tolist() == [160, 1013, 1077, 6717, 900] and np.isnan(en[5])
     assert service[:2].tolist() == pytest.approx([108e3, 684e3]) and asce[0] == pytest.approx(240e3 / 2.2)
+    assert erection[:2].tolist() == pytest.approx([132e3, 836e3])
     own = tmp_path / "own.toml"
     own.write_text(OWN_CHECK.format("groups = {b = 4.0}"))
     (code,) = read_codes(own)

@@ -1,8 +1,9 @@
 """Page summary.md of a report: the run, governing members, factors of the checks; numbers have units."""
 
+import re
 from collections import Counter
 from collections.abc import Collection
-from itertools import compress
+from itertools import compress, product
 from pathlib import Path
 
 import h5py
@@ -346,23 +347,41 @@ def _reactions(f: h5py.File, table: dict[str, np.ndarray]) -> list[str]:
         "",
     ]
     if "envelope/reaction_max" in f:
-        e, id_of = f["envelope"], f["net/node_id"][:]
-        largest, low, high = (e[f"reaction_{name}"][:] for name in ("max", "lowest", "highest"))
+        e, largest = f["envelope"], f["envelope/reaction_max"][:]
         top = int(np.argmax(largest))
         lines += [
-            f"Largest in motion: {md.force(largest[top])} at node {id_of[top]}, "
+            f"Largest in motion: {md.force(largest[top])} at node {f['net/node_id'][top]}, "
             f"t = {e['reaction_max_time'][top]:.4g} s, over rows of the history and at least every 50 steps.",
             "Shorter peaks count at supports of one element outside bending chains; elsewhere",
-            "they appear only in the tensions. Extremes of the components at one support:",
+            "they appear only in the tensions.",
+            "",
         ]
-        for k, axis in enumerate("xyz"):
-            held = np.flatnonzero((low[:, k] != 0.0) | (high[:, k] != 0.0))
-            if len(held):
-                least, most = held[np.argmin(low[held, k])], held[np.argmax(high[held, k])]
-                lines[-1] += f" {axis} {md.force(low[least, k])} (node {id_of[least]}) to"
-                lines[-1] += f" {md.force(high[most, k])} (node {id_of[most]});"
-        lines[-1:] = [lines[-1].rstrip(";") + ".", ""]
-    return lines + md.as_table(["stage", "sum in x", "sum in y", "sum in z", "largest"], rows)
+    lines += md.as_table(["stage", "sum in x", "sum in y", "sum in z", "largest"], rows)
+    return lines + _governing_supports(f, table)
+
+
+def _governing_supports(f: h5py.File, table: dict[str, np.ndarray]) -> list[str]:
+    """Return the table of the supports that have the extremes of a component on the foundation.
+
+    The form counts only without stages of erection, because the structure is never in that state with them.
+    """
+    known = np.isfinite(table["foundation_x"]) & ~((table["stage"] == "form") & ("stages" in f))
+    R = np.column_stack([table[f"foundation_{axis}"] for axis in "xyz"])[known]
+    node, names = table["node"][known], table["stage"][known]
+    R[np.abs(R) < NEGLIGIBLE_SUM * np.abs(R).max(initial=0.0)] = 0.0
+    governs: dict[int, list[str]] = {}
+    for k, (which, sign) in product(range(3), (("least", -1.0), ("largest", 1.0))):
+        values = np.round(sign * R[:, k], 6)
+        if (values > 0.0).any():
+            top = int(np.argmax(values))
+            state = re.sub(f"^({states.DYNAMIC_STAGE}), (lowest|highest)$", r"\1", names[top])
+            governs.setdefault(node[top], []).append(f"{which} {'xyz'[k]} ({state})")
+    rows = []
+    for support, extremes in governs.items():
+        ends = zip(R[node == support].min(0), R[node == support].max(0))
+        rows.append([support, ", ".join(extremes), *(f"{md.force(a)} to {md.force(b)}" for a, b in ends)])
+    title = "Supports with the extremes of a component, and all its values, over all states and the motion:"
+    return ["", title, "", *md.as_table(["node", "governs", "x", "y", "z"], rows)] if rows else []
 
 
 def _by_stage(table: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray]]:
