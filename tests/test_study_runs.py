@@ -888,6 +888,10 @@ def test_keys_that_cases_give_and_a_hazard_without_gusts_warn(tmp_path):
     roof.write_text(head + tail)
     (note,) = read_study_plan(study).notes
     assert note.startswith("warning: [[case]] snow: set gives load.snow, which the study varies.")
+    wind = "[wind]\nspeed = 20.0\nbase_height = 10.0\npressure_coefficient = -0.5\n"
+    roof.write_text(head + wind + '[[case]]\nname = "west"\nset = {wind.direction = 90.0}\n')
+    study.write_text('job = "roof.toml"\n[vary]\n"wind.speed" = [20.0, 30.0]\n')
+    assert not read_study_plan(study).notes  # the case has the speed of [wind]
     year = '[hazard]\ndistribution = "gumbel"\nmode = 20.0\nscale = 3.0\n'
     study.write_text('job = "roof.toml"\n[vary]\n"wind.speed" = [20.0, 30.0]\n' + year)
     for gusts in ("turbulence_intensity = 0.0", "turbulence_intensity = 0.2", "surface_drag = 0.0"):

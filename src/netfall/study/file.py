@@ -3,6 +3,7 @@
 import hashlib
 import json
 import math
+import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
@@ -17,6 +18,7 @@ from netfall.geometry.build import TOO_WEAK, build_net
 from netfall.geometry.net import Net
 from netfall.job.derived import has_statics, moves_supports
 from netfall.job.job import PATH_KEYS, Job
+from netfall.job.keys.entries import flatten_settings
 from netfall.job.keys.fields import is_finite_number
 from netfall.job.read import read_job, read_toml
 from netfall.job.toml_text import toml_value
@@ -197,8 +199,10 @@ def _job_warnings(job: Job, content: Sections) -> Iterator[str]:
         if each.outcome in ("displacement_max", sections.SUNK_OUTCOME):
             yield messages.MOVING_SUPPORTS(name=each.name, outcome=each.outcome)
     varied = [*(axis.name for axis in content.axes), *content.distributions]
+    cases = tomllib.loads(job.text).get("case", [])  # job.cases have the keys of [wind] too, which vary
+    given = {case["name"]: flatten_settings(case.get("set", {})) for case in cases}
     for key in varied if job.dynamics is None else ():
-        if names := [case.name for case in job.cases if key in case.set]:
+        if names := [name for name, values in given.items() if key in values]:
             yield messages.KEY_OF_CASES(cases=format_list(names), key=key)
     wind = job.wind if job.dynamics and content.hazard else None
     if wind and wind.speed and turbulence_intensity(wind) == 0.0 and not TURBULENCE & {*varied}:
