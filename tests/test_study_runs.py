@@ -898,6 +898,10 @@ def test_keys_that_cases_give_and_a_hazard_without_gusts_warn(tmp_path):
         roof.write_text(gusty.replace("turbulence_intensity = 0.3", gusts))
         notes = read_study_plan(study).notes
         assert ["has no gusts" in note for note in notes] == [True] * gusts.endswith("0.0")
+    for factor, count in (("", 1), (", wind.pressure_factor = 2.26", 0)):
+        roof.write_text(head + wind + f'[[case]]\nname = "west"\nset = {{wind.direction = 9.0{factor}}}\n')
+        notes = read_study_plan(study).notes
+        assert ["static wind of [[case]] west has no gusts" in note for note in notes] == [True] * count
 
 
 def test_another_depth_needs_new_runs_and_another_limit_does_not(tmp_path):

@@ -18,7 +18,7 @@ from netfall.geometry.build import TOO_WEAK, build_net
 from netfall.geometry.net import Net
 from netfall.job.derived import has_statics, moves_supports
 from netfall.job.job import PATH_KEYS, Job
-from netfall.job.keys.entries import flatten_settings
+from netfall.job.keys.entries import flatten_settings, has_static_wind
 from netfall.job.keys.fields import is_finite_number
 from netfall.job.read import read_job, read_toml
 from netfall.job.toml_text import toml_value
@@ -40,6 +40,7 @@ WITHOUT_OUTCOME = (
     *("*.buckling_curve", "*.section_modulus", "*.design_strength"),
 )
 TURBULENCE = {"wind.turbulence_intensity", "wind.surface_drag"}
+FACTOR = "wind.pressure_factor"
 KEYS_OF_NET = ("net.", "cable.", "group.")  # first parts of the keys from which a net is built
 
 
@@ -206,7 +207,15 @@ def _job_warnings(job: Job, content: Sections) -> Iterator[str]:
             yield messages.KEY_OF_CASES(cases=format_list(names), key=key)
     wind = job.wind if job.dynamics and content.hazard else None
     if wind and wind.speed and turbulence_intensity(wind) == 0.0 and not TURBULENCE & {*varied}:
-        yield messages.HAZARD_WITHOUT_GUSTS()
+        yield messages.HAZARD_WITHOUT_GUSTS(
+            wind="[wind] has no gusts (turbulence intensity 0)", remedy="a turbulence intensity"
+        )
+    static = [case.name for case in job.cases if has_static_wind(case) and FACTOR not in case.set]
+    if static and content.hazard and not job.dynamics and FACTOR not in varied:
+        yield messages.HAZARD_WITHOUT_GUSTS(
+            wind=f"the static wind of [[case]] {format_list(static)} has no gusts",
+            remedy=f"{FACTOR}, the ratio of peak to mean velocity pressure, or 1 for the speed of a gust",
+        )
 
 
 def _sections_of(path: Path, data: dict[str, Any]) -> Sections:

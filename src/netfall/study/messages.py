@@ -94,8 +94,8 @@ KEY_OF_CASES = Message(
 )
 HAZARD_WITHOUT_GUSTS = Message(
     "W985",
-    "[hazard]: [wind] has no gusts (turbulence intensity 0). In gusts the roof fails at lower mean "
-    "speeds, so the probabilities are too small. Give a turbulence intensity.",
+    "[hazard]: {wind}. In gusts the roof fails at lower mean speeds, so the probabilities are too small. "
+    "Give {remedy}.",
 )
 HAZARD_WITHOUT_SPEED = Message(
     "E944", "needs a mean wind speed that varies; expected wind.speed in [vary] or [sampling]"
