@@ -155,6 +155,17 @@ def test_an_outcome_that_no_finished_run_has_is_unknown():
     assert [failure_section(samples, own)[name][0] for name in ("failed", "runs")] == [4, 4]
 
 
+def test_equilibria_fail_where_the_strength_is_exceeded():
+    """Nothing breaks in equilibria, so "0 fractures" and "0 % of the roof lost" would seem safe."""
+    samples = drawn_samples(np.random.default_rng(2), 10, SPEEDS, 38.0, 0.1)
+    moving = curve_sections(samples)["fragility"]
+    still = samples | {"duration": np.full(50, np.nan), "detached_area": np.zeros(50)}
+    still["first_fracture"] = np.full(50, np.nan)
+    section = curve_sections(still)["fragility"]
+    assert section["measure"].tolist() == ["first fracture"]
+    assert np.array_equal(section["failed"][0], moving["failed"][0]) and section["failed"][0].sum() > 9
+
+
 def test_removals_without_a_dynamic_factor_have_failed():
     """More elements broke, or no equilibrium exists, so the worst removals have no factor."""
     samples = columns({}, np.array([False, True, False, False]), np.zeros(4))

@@ -53,14 +53,16 @@ def failures(samples: dict[str, np.ndarray], own: tuple[FailureCriterion, ...] =
     A run without an equilibrium has failed by all criteria. A run without the outcome of a criterion, such as
     the utilisation if nothing has a strength, is not judged; if no finished run has it, no run is judged.
     Exceptions: a run without a fracture time has not broken. A run without a dynamic factor, because more
-    elements broke or because there is no equilibrium after the removal, has failed.
+    elements broke or because there is no equilibrium after the removal, has failed. Nothing breaks in
+    equilibria: one in which an element exceeds the strain at which it breaks counts as a first fracture, and
+    the lost roof is unknown.
     """
+    moves = np.isfinite(samples["duration"]).any()
+    breaks = np.isfinite(samples["first_fracture"]) if moves else samples["utilisation_before_break"] > 1.0
     no_equilibrium, all_judged = samples["state"] == "no_equilibrium", np.ones(len(samples["state"]), bool)
     lost_share = np.where(no_equilibrium, 1.0, samples["detached_area"])
-    measures = {
-        FIRST_FRACTURE: Judgement(no_equilibrium | np.isfinite(samples["first_fracture"]), all_judged)
-    }
-    for name, share in LOST_ROOF.items():
+    measures = {FIRST_FRACTURE: Judgement(no_equilibrium | breaks, all_judged)}
+    for name, share in LOST_ROOF.items() if moves else ():
         measures[name] = Judgement(lost_share > share, np.isfinite(lost_share))
     for criterion in own:
         value, failed = samples[criterion.outcome].astype(float), no_equilibrium
