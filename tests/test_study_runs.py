@@ -696,6 +696,16 @@ def test_a_repeated_run_counts_once():
     assert table.counts["failed"] == table.counts["diverged"] == 0 and table.there.all()
 
 
+def test_failed_runs_are_repeated_together_with_a_net_that_failed():
+    """Without the net of the first sample, the repeated study would not know which elements break."""
+    for nets_differ, net in ((False, None), (True, {})):
+        table = Table(2, nets_differ)
+        table.add({"net": {}})
+        table.add({"done": 1, **NO_OUTCOMES, "state": "failed"})
+        table.reset_failed()
+        assert table.net == net and not table.there.any()
+
+
 def test_a_run_in_two_files_counts_once_and_replaces_a_failed_one(whole):
     """Joined shards remain next to the whole study, and a shard may repeat a run."""
     table = Table(6)

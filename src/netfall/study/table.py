@@ -36,6 +36,7 @@ class Table:
         self.elements: dict[int, np.ndarray] = {}
         # None: not requested yet; empty: no form, or nets differ
         self.net: dict[str, np.ndarray] | None = {} if nets_differ else None
+        self.nets_differ = nets_differ
         self.counts: Counter[str] = Counter()  # number of samples by state
 
     def add(self, record: dict[str, Any]) -> None:
@@ -83,8 +84,10 @@ class Table:
                 self.net = read_columns(f["net"]) if "net" in f else {}
 
     def reset_failed(self) -> None:
-        """Treat failed runs as missing."""
+        """Treat failed runs as missing, and a net that failed with them."""
         failed = self.there & (self.columns["state"] == "failed")
+        if failed.any() and not self.net and not self.nets_differ:
+            self.net = None
         self.there[failed] = False
         self.counts["failed"] = 0
 
