@@ -278,11 +278,13 @@ def test_rank_correlation_of_a_known_case():
 
 def test_rank_correlations_are_within_each_combination_of_chosen_values(tmp_path):
     """The sag grows with each drawn mass, but a hundred times as much with the snow, which is chosen."""
-    mass = np.tile(np.random.default_rng(4).permutation(12) + 1.0, 3)
-    snow = np.repeat([1e3, 2e3, 3e3], 12)
-    samples = columns({"load.snow": snow, "net.mass": mass}, np.zeros(36), np.zeros(36))
+    mass = np.tile(np.random.default_rng(4).permutation(12) + 1.0, 7)
+    snow = np.repeat(1e3 * np.arange(1, 8), 12)
+    samples = columns({"load.snow": snow, "net.mass": mass}, np.zeros(84), np.zeros(84))
     samples["displacement_max"] = snow + mass
     write_study(tmp_path / "a.study.h5", samples, {})
+    with h5py.File(tmp_path / "a.study.h5", "a") as file:
+        file["provenance/drawn"] = ["net.mass"]
     output = study_lines(tmp_path / "a.study.h5")
     assert "displacement_max +1.00" in output and "samples that finished, within each load.snow; " in output
     study = read_study(tmp_path / "a.study.h5")

@@ -371,14 +371,15 @@ def _correlations(study: Study, say: Callable[..., Any]) -> None:
     names, outcomes = statistics.drawn_inputs(study), statistics.responses(study)
     if not (names and outcomes):
         return
-    draws, (combination, fixed) = statistics.draw_codes(study), statistics.combination_codes(study)
+    draws = statistics.draw_codes(study)
     failed = int((study.samples["state"] == "no_equilibrium").sum())
     counted = f"of the {study.finished.sum()} samples that finished"
     counted += f" and the {failed} without equilibrium as the worst" * bool(failed)
+    fixed = statistics.chosen_inputs(study)
     counted += f", within each {' and '.join(fixed)}" * bool(fixed)
     say(f"rank correlation (Spearman) with the random inputs, {counted}; (...): not significant")
     for name in names:
-        text = []
+        text, combination = [], statistics.combination_codes(study, name)
         for what, values in outcomes.items():
             drawn = study.samples[name].astype(float)
             rho, _, significant = statistics.spearman(drawn, values, draws, combination)

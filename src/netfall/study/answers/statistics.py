@@ -59,13 +59,19 @@ def draw_codes(study: Study) -> np.ndarray:
     return max(groups.values(), key=np.max)
 
 
-def combination_codes(study: Study) -> tuple[np.ndarray, list[str]]:
-    """Return codes (N,) of the combinations of inputs neither random nor finely varied, and their names."""
-    drawn, codes = drawn_inputs(study), np.zeros(len(study.samples["state"]), int)
-    names = [name for name in varying_inputs(study.samples) if name not in drawn and not is_seed(name)]
-    for name in names:
-        codes = pair_codes(codes, value_codes(study.samples[name]))
-    return codes, names
+def chosen_inputs(study: Study) -> list[str]:
+    """Return the inputs that are not random: those of [vary], or if unknown, those with few values."""
+    random = drawn_inputs(study) if study.drawn is None else study.drawn
+    return [name for name in varying_inputs(study.samples) if name not in random and not is_seed(name)]
+
+
+def combination_codes(study: Study, name: str) -> np.ndarray:
+    """Return codes (N,) of the combinations of the chosen inputs other than `name`."""
+    codes = np.zeros(len(study.samples["state"]), int)
+    for other in chosen_inputs(study):
+        if other != name:
+            codes = pair_codes(codes, value_codes(study.samples[other]))
+    return codes
 
 
 def spearman(

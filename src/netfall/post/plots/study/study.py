@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from netfall.core.messages import count_of
 from netfall.job.csv_table import write_table
 from netfall.post.plots import canvas
 from netfall.post.plots.canvas import remove_earlier, save
@@ -19,6 +20,7 @@ from netfall.study.answers.losses import losses_of, removal_of_element
 from netfall.study.answers.read import Study, read_study, unit_of_column, with_unit
 from netfall.study.answers.samples import SPEED
 from netfall.study.answers.statistics import (
+    chosen_inputs,
     combination_codes,
     draw_codes,
     drawn_inputs,
@@ -83,20 +85,25 @@ def inputs(study: Study) -> Figure:
     width, height = 2.2 + 3.2 * len(names), 1.0 + 2.3 * len(outcomes)
     rows, columns = len(outcomes), len(names)
     figure, panels = canvas.open_charts(rows, columns, width, height, sharex="col", sharey="row")
-    draws, (combination, fixed) = draw_codes(study), combination_codes(study)
+    draws, combinations = draw_codes(study), [combination_codes(study, name) for name in names]
     drawn = [_scaled(name, study.samples[name].astype(float), name) for name in names]
     answers = [_scaled(name, values, name.replace("_", " ")) for name, values in outcomes.items()]
     for (i, j), axes in np.ndenumerate(panels):
         (x, xlabel), (y, ylabel) = drawn[j], answers[i]
         axes.plot(x, y, "o", ms=2.5, alpha=0.5, mew=0, color="C0")
-        rho, n, significant = spearman(x, y, draws, combination)
+        rho, n, significant = spearman(x, y, draws, combinations[j])
         if np.isfinite(rho):
             colour = "k" if significant else "0.6"
             text = f"rank correlation {rho:+.2f}, n = {n}"
             axes.set_title(text, fontsize=canvas.SMALL, color=colour, loc="right")
         axes.set(xlabel=xlabel, ylabel=ylabel)
         axes.label_outer()
+    fixed = chosen_inputs(study)
     within = f"; correlations within each {' and '.join(fixed)}" if fixed else ""
+    if failed := int((study.samples["state"] == "no_equilibrium").sum()):
+        within += (
+            f"; {count_of(failed, 'sample')} without equilibrium as the worst, infinite ones without a dot"
+        )
     subtitle = f": random inputs and outcomes (grey: not significant{within})"
     canvas.set_figure_title(figure, study.title, subtitle)
     return figure
