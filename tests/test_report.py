@@ -593,6 +593,22 @@ def test_the_shop_list_has_clamps_and_types_of_the_table(workshop, tmp_path):
     assert float(row["mass"]) == pytest.approx((1.0 * 5 + 2.5 * 3) / (1 + 50e3 / EA), abs=0.005)
 
 
+@pytest.mark.parametrize("order", [(0, 1, 2, 3, 4, 5), (5, 1, 4, 0, 3, 2)])
+def test_the_shop_list_does_not_depend_on_the_order_of_rows(workshop, order):
+    """A cable of 2 + 3 m and its mirror image are one piece, marked from the node of the smaller id."""
+    nodes = ["1,0,0,0,1", "2,2,0,0,0", "3,5,0,0,1", "4,0,1,0,1", "5,3,1,0,0", "6,5,1,0,1"]
+    rows = ["1,1,2,b,A", "2,2,3,b,B", "3,4,5,b,B", "4,5,6,b,A", "5,1,4,a,A", "6,3,6,c,A"]
+    (workshop.folder / "types.csv").write_text(
+        f"name,mass_per_length,axial_stiffness,breaking_load\nA,5,{EA},1e6\nB,5,{EA},1e6\n"
+    )
+    tables = ["\n".join([rows[k] for k in order]) for rows in (nodes, rows)]
+    text = STATICS.replace("[cable]", '[cable]\ncatalogue = "types.csv"\nprestress = 5e3')
+    workshop.solve(text, f"id,x,y,z,fixed\n{tables[0]}", f"id,start,end,group,type\n{tables[1]}").close()
+    pieces = rows_of(workshop.report().folder / "shop_list.csv")
+    shown = [tuple(row[name] for name in ("mark", "type", "clamps", "cables")) for row in pieces]
+    assert shown == [("b-1", "A + B", "2000.0", "e1; e3"), ("a-1", "A", "", "e5"), ("c-1", "A", "", "e6")]
+
+
 def test_a_table_of_other_columns_gives_no_deductions(loaded):
     """A table without group and type, or pin and socket, is refused. Unknown columns are ignored."""
     table = loaded / "ends.csv"
@@ -636,7 +652,7 @@ def test_clamps_are_marked_along_a_cable_from_either_end():
     """A cable of three segments and its mirror image are equal; a ring has no ends."""
     ends = np.array([[4, 3], [1, 2], [2, 3], [7, 8], [8, 9], [9, 7]])
     chain = order_elements(ends, np.array([0, 1, 2]))
-    assert chain.elements.tolist() == [0, 2, 1] and chain.in_order and not chain.closed
+    assert chain.elements.tolist() == [1, 2, 0] and chain.in_order and not chain.closed
     ring = order_elements(ends, np.array([3, 4, 5]))
     assert ring.elements.tolist() in ([3, 4, 5], [3, 5, 4]) and ring.closed
     lengths, section = [6.0] * 4, np.ones((3, 2))
@@ -765,7 +781,7 @@ def test_a_cable_of_several_sections_names_them_all(tmp_path):
         netfall.run({"net": net, "cable": cable}, output=tmp_path / "r.vtkhdf").close()
     with netfall.open(tmp_path / "r.vtkhdf") as result:
         columns = cutting_columns(result.file, Cutting())
-    assert columns["type"].tolist() == ["thin + thick"] and columns["group"].tolist() == ["low + high"]
+    assert columns["type"].tolist() == ["thick + thin"] and columns["group"].tolist() == ["high + low"]
     lengths = 4.0 / (1 + 1e5 / 4e7), 6.0 / (1 + 1e5 / 8e7)
     assert columns["unstressed_length"] == pytest.approx(sum(lengths), rel=1e-12)
     assert columns["mass"] == pytest.approx(3.0 * lengths[0] + 5.0 * lengths[1], rel=1e-12)

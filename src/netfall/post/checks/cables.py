@@ -462,9 +462,9 @@ def _first_by_cable(key: np.ndarray, cable: np.ndarray) -> np.ndarray:
 
 
 def joined_words(words: np.ndarray, cable: np.ndarray) -> np.ndarray:
-    """Join the different words (m,) of the elements of each cable."""
+    """Join the different words (m,) of the elements of each cable, in alphabetical order."""
     parts = np.split(words[np.argsort(cable, kind="stable")], np.cumsum(np.bincount(cable))[:-1])
-    lists = [list(dict.fromkeys(part)) for part in parts]
+    lists = [sorted(set(part)) for part in parts]
     joined = [" + ".join(word or "none" for word in one) if one[1:] else one[0] for one in lists]
     return np.array(joined, object)
 

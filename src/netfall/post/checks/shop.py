@@ -151,8 +151,12 @@ def _in_mm(length: float) -> float:
 
 
 def shop_cables(f: h5py.File, cutting: Cutting, deductions: list[Deduction]) -> list[Piece]:
-    """Return every cable made in a shop. Raises InputError if one is not longer than its deductions."""
+    """Return every cable made in a shop, in the order of their smallest element ids.
+
+    Raises InputError if one is not longer than its deductions.
+    """
     cable, ends, x = f["net/cable"][:], f["net/elements"][:], start_position(f)
+    end_ids = f["net/node_id"][:][ends]
     distance = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
     L0, names = f["net/unstressed_length"][:], f["net/cable_names"].asstr()[:]
     load, warm, measured = measured_lengths(f, cutting)
@@ -161,12 +165,12 @@ def shop_cables(f: h5py.File, cutting: Cutting, deductions: list[Deduction]) -> 
     section = np.column_stack([f["net/axial_stiffness"][:], f["net/mass_per_length"][:]])
     ids, groups, types = f["net/element_id"][:], element_groups(f), element_types(f)
     group_names, type_names = joined_words(groups, cable), joined_words(types, cable)
-    order = np.argsort(cable, kind="stable")
+    order = np.lexsort((ids, cable))
     concrete, pieces, errors = is_concrete(f), [], []
     for k, elements in enumerate(np.split(order, np.cumsum(np.bincount(cable))[:-1])):
         if concrete[elements].all():
             continue
-        chain = order_elements(ends, elements)
+        chain = order_elements(end_ids, elements)
         e = chain.elements
         first = np.flatnonzero(np.diff(ids[e], prepend=ids[e[0]] - 1))  # the parts of an element share its id
         form, unstressed, under_load = np.add.reduceat(lengths[e], first).T  # of the elements of the table
@@ -193,7 +197,7 @@ def shop_cables(f: h5py.File, cutting: Cutting, deductions: list[Deduction]) -> 
         pieces.append(Piece(k, *words, *sizes, marks, unstressed_marks, section[e], float(load[k]), mass))
     if errors:
         raise InputError(errors)
-    return pieces
+    return sorted(pieces, key=lambda piece: ids[piece.chain.elements].min())
 
 
 def _end_deduction(
@@ -212,10 +216,10 @@ def _end_deduction(
 
 
 def order_elements(ends: np.ndarray, elements: np.ndarray) -> CableOrder:
-    """Order the elements of a cable from one end to the other; ends : (m, 2) nodes of all elements.
+    """Order the elements of a cable from one end to the other; ends : (m, 2) node ids of all elements.
 
-    elements : (k,) elements of the cable. An open cable starts at the end that comes first in the table, a
-    ring with its first element.
+    elements : (k,) elements of the cable. An open cable starts at its end of the smaller id, a ring with its
+    first element.
     """
     elements_at: dict[int, list[int]] = {}
     for e in elements.tolist():
@@ -224,7 +228,7 @@ def order_elements(ends: np.ndarray, elements: np.ndarray) -> CableOrder:
     if any(len(incident) > 2 for incident in elements_at.values()):
         return CableOrder(elements, False, False)
     free_ends = [node for node, incident in elements_at.items() if len(incident) == 1]
-    node = free_ends[0] if free_ends else int(ends[elements[0], 0])
+    node = min(free_ends) if free_ends else int(ends[elements[0], 0])
     e = elements_at[node][0] if free_ends else int(elements[0])
     order: list[int] = []
     while e is not None and (not order or e != order[0]):
@@ -236,11 +240,11 @@ def order_elements(ends: np.ndarray, elements: np.ndarray) -> CableOrder:
 
 
 def group_equal_cables(pieces: list[Piece]) -> list[list[Piece]]:
-    """Group the cables that are equal, in the order of their groups, the longest first."""
+    """Group the cables that are equal, in the order of the first cables of groups, the longest first."""
     sorts: dict[tuple[str, str, bool], list[list[Piece]]] = {
         (p.group, p.type, p.chain.closed): [] for p in pieces
     }
-    for piece in sorted(pieces, key=lambda piece: (-round(piece.cut, 6), piece.cable)):
+    for piece in sorted(pieces, key=lambda piece: -round(piece.cut, 6)):
         same = sorts[piece.group, piece.type, piece.chain.closed]
         fitting = next((row for row in reversed(same) if row[0].alike(piece)), None)
         if fitting is None:
