@@ -323,6 +323,19 @@ def test_pictures_show_the_facade_from_outside(workshop):
     assert np.ptp(axes.get_xlim()) == pytest.approx(1.08 * 40.0) and np.ptp(axes.get_ylim()) > 25.0
 
 
+def test_labels_of_modes_of_a_facade_do_not_reach_the_next_panel(workshop):
+    """The label of y, across the facade, is below the axes in space, and was covered by the plan."""
+    from netfall.post.plots.states import modes
+
+    with workshop.solve(
+        PRESSED + "steps = 1\n[modes]\ncount = 1\n" + OUTSIDE, *tables(*facade(height=40.0))
+    ) as f:
+        figure = modes(f)
+    figure.draw_without_rendering()
+    space, plan = figure.axes[:2]
+    assert space.yaxis.label.get_window_extent().y0 > plan.get_window_extent().y1
+
+
 def test_maps_of_a_study_show_the_facade_from_outside(workshop):
     """The net of a study has the axes of the facade, and its maps show 40 x 25 m."""
     from netfall.driver.sample import study_net

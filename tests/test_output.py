@@ -797,6 +797,16 @@ def test_labels_of_axes_in_space_lie_beside_their_ticks(sizes):
     assert len(ticks) > 2 and not any(label.overlaps(tick) for tick in ticks)
 
 
+def test_labels_of_axes_in_space_contain_the_offset_of_coordinates():
+    """Its own text would overlap the label."""
+    points = np.array([[512300.0, 5412300.0, 0.0], [512330.0, 5412330.0, 5.0]])
+    _, (axes,) = open_space_panels(points, 1)
+    labels = [axis.get_label_text() for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
+    assert labels == ["x [m], +5.123e5", "y [m], +5.4123e6", "z [m]"]
+    assert not axes.yaxis.offsetText.get_visible()
+    plt.close(axes.figure)
+
+
 def test_labels_do_not_overlap_and_stay_within_the_picture():
     """Twelve around one position, and one that fits neither left nor right."""
     figure, ((axes,),) = open_charts(1, 1, 6, 5)

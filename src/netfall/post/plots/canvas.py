@@ -192,7 +192,11 @@ def add_space_axes(
         ticks = [tick for tick in MaxNLocator(count).tick_values(start, end) if start <= tick <= end]
         ticks = ticks if count > 1 else [ticks[0], ticks[-1]]  # three have no room where one interval fits
         axis.set_major_locator(FixedLocator(ticks) if share[k] > THIN_EXTENT else NullLocator())
-        axis.set_label_text(f"{'xyz'[k]} [m]" if share[k] > THIN_EXTENT else "")
+        formatter = axis.get_major_formatter()
+        formatter.format_ticks(ticks)
+        offset = formatter.get_offset().replace("+", ", +")  # of national grids; its own text has no room
+        axis.offsetText.set_visible(False)
+        axis.set_label_text(f"{'xyz'[k]} [m]{offset}" if share[k] > THIN_EXTENT else "")
         # points; labels also move away with the height, in space so far that they would reach the next panel
         pad = 3.7 / share[2] if view == "front" else 8.0 - 12.0 * share[2]
         axis.labelpad = pad if k < 2 else -4.0

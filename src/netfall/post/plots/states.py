@@ -196,6 +196,7 @@ DRAWN, COLUMNS = 6, 3  # modes drawn, and modes in a row
 DRAWN_DISPLACEMENT = 0.06  # largest displacement drawn / extent of the net
 MIN_DRAWN = 0.05  # share of the largest displacement; elements with less are not drawn displaced in space
 WIDTH = 4.6  # inches; largest width and height of a panel
+LABEL_ROOM = 0.06  # share of the height of a panel
 COLOURS = "RdBu_r"
 DAMPING_RATIOS = "damping_ratio", "band_damping_ratio", "air_damping_ratio"  # datasets, whose sum is shown
 
@@ -219,6 +220,8 @@ def modes(f: h5py.File) -> Figure | None:
     swing = DRAWN_DISPLACEMENT * float(np.ptp(x, axis=0).max())
     columns, rows = min(COLUMNS, len(shape)), -(-len(shape) // COLUMNS)
     figure = plt.figure(figsize=(columns * WIDTH, 2 * rows * WIDTH), layout="compressed")
+    if seen is not None:  # labels below upright axes need room
+        figure.set_layout_engine("compressed", hspace=LABEL_ROOM)
     grid, panels = figure.add_gridspec(2 * rows, columns), []
     push = swing * (np.array([0.0, 0.0, 1.0]) if seen is None else np.abs(seen[2]))
     window = np.array([x.min(0) - push, x.max(0) + push])
