@@ -26,7 +26,6 @@ from PIL import Image
 from netfall.core.errors import InputError
 from netfall.core.progress import Progress
 from netfall.driver.check import HISTORY_COPIES
-from netfall.driver.setup import ranks_line, ranks_notes, steps_time
 from netfall.exchange.export import export
 from netfall.explicit.history import PROBE_ROWS, History
 from netfall.physics.fields import Features
@@ -521,24 +520,6 @@ def test_the_expected_run_time_includes_the_start(name):
     expected = float(re.search(r"expected run time about ([0-9.]+) s", output)[1])
     assert 0.5 * float(least) <= expected <= 2.0 * float(most or least)
     assert "compilation in the first run" in output
-    assert ("ranks: one is fastest" in output) == (f"# Run     netfall run jobs/{name}.toml" in text)
-
-
-def test_check_names_the_fastest_number_of_ranks(workshop):
-    """The number follows from net size and time of steps. A run on more ranks prints one note."""
-    schedule = SimpleNamespace(steps=10**6, stride=1)
-    scene = lambda m, ranks=2: SimpleNamespace(
-        schedule=schedule, distribution=SimpleNamespace(m=m), comm=SimpleNamespace(size=ranks)
-    )
-    assert steps_time(scene(2000)) == pytest.approx(1e6 * (2000 * 5e-9 + 1e-6))  # 11 s, of which a rank saves
-    assert "two save about 2.1 s" in ranks_line(scene(2000))  # 0.26 times that, less 0.8 s
-    assert "two are faster than one" in ranks_line(scene(5000))
-    assert "one is fastest" in ranks_line(scene(899)) and ranks_notes(scene(2000)) == []
-    assert ranks_notes(scene(800, ranks=1)) == []
-    short = ("run", workshop.job(JOB), "--set", "dynamics.duration=0.05")
-    for ranks in (1, 2):
-        done = run_on_standing_ranks(*short, ranks=ranks, cwd=workshop.folder)
-        assert done.stdout.count("note: 2 ranks: slower than one for") == ranks - 1
 
 
 def test_the_expected_run_time_counts_erection_targets_and_removals():

@@ -16,7 +16,7 @@ from netfall.driver.modes import mode_lines
 from netfall.driver.problem import Problem, equilibria, loaded
 from netfall.driver.reporting import run
 from netfall.driver.reporting.wind import slender_loads, wind_lines
-from netfall.driver.setup import prepare_problem, ranks_line, steps_time
+from netfall.driver.setup import prepare_problem
 from netfall.geometry import messages as geometry_messages
 from netfall.geometry.areas import areas_are_given, largest_face, outer_side_line
 from netfall.geometry.build import build_net
@@ -34,6 +34,8 @@ from netfall.physics.fields import FIELDS, Features
 from netfall.results.h5 import CHUNK_BYTES
 
 # Times [s] on one core; those of large nets are from jobs/bench.
+# ns per element and step, us per step; long rows of elements need less, fractures more
+STEP_NS, STEP_US = 5.0, 1.0
 ROW_S, FRAME_S = 3e-5, 7e-4  # per history row; per snapshot
 CHECKPOINT_S, CHECKPOINT_ELEMENT_S = 0.026, 4e-6  # per checkpoint; per element in it
 EQUILIBRIUM_S = 1e-4  # per equilibrium and element of a small net; varies with slack and compression
@@ -157,7 +159,7 @@ def _check_lines(job: Job, checked_job: Job, problem: Problem) -> Iterator[str]:
         f"expected run time about {sum(parts.values()):.2g} s on one core ({listed}), plus modes, and "
         f"compilation in the first run{remark}"
     )
-    yield from (ranks_line(problem), memory_line(problem))
+    yield memory_line(problem)
     yield from mode_lines(checked_job, problem)
 
 
@@ -234,7 +236,8 @@ def run_time_parts(problem: Problem) -> tuple[dict[str, float], str]:
         parts["equilibria"], unknown = equilibria_time(problem)
         remark += unknown
     if schedule:
-        parts["steps"] = steps_time(problem)
+        steps = problem.schedule.steps // problem.schedule.stride
+        parts["steps"] = steps * (problem.distribution.m * STEP_NS * 1e-9 + STEP_US * 1e-6)
         parts["output"] = ROW_S * len(schedule.history) + FRAME_S * len(schedule.frames)
         if len(schedule.checkpoints):
             parts["checkpoints"] = len(schedule.checkpoints) * (CHECKPOINT_S + CHECKPOINT_ELEMENT_S * m)

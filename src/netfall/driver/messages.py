@@ -336,11 +336,6 @@ MUCH_ADDED_INERTIA = Message(
 
 # --- check and size of a run
 
-SLOW_RANKS = Message(
-    "N660",
-    "{ranks} ranks: slower than one for {elements} elements and about {seconds:.2g} s of steps. Use netfall "
-    "run without mpirun.",
-)
 FORM_LEFT_OUT = Message(
     "N661",
     "check: more than {limit} elements: the form is not computed. All values are those of the given "

@@ -22,7 +22,7 @@ from netfall.driver.problem import Outcome, Problem, RunContext
 from netfall.driver.provenance import library_text, provenance_values
 from netfall.driver.removal import equilibria as removal_equilibria
 from netfall.driver.reporting.run import OutcomeReport, form_found_model, report_net, report_problem
-from netfall.driver.setup import prepare_problem, ranks_notes
+from netfall.driver.setup import prepare_problem
 from netfall.driver.statics import stage as statics
 from netfall.explicit.energy import take_snapshot
 from netfall.explicit.plan import StepPlan
@@ -95,7 +95,6 @@ def run_job(
             comm, job, phases, report, path, restart, stop, describe=describe
         )
         report_problem(problem, progress)
-        progress.say(*ranks_notes(problem))
         context = make_context(problem, path, progress, phases, stop, given=restart, checkpoint=checkpoint)
         outcomes = run_stages(problem, replace(context, make_plan=make_plan))
         progress.end()
