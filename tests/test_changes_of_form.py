@@ -22,8 +22,7 @@ from netfall.physics.state import State
 from netfall.post.checks.nodes import reaction_columns
 from netfall.results.checkpoint import checkpoint_path, remove_old_checkpoints
 from netfall.results.states import compute_envelope
-from netfall.study.answers.info import _losses
-from netfall.study.answers.losses import asymmetric_pair, losses_of
+from netfall.study.answers.losses import losses_of
 from netfall.study.study import SampleQueue
 
 STATE = ("position", "velocity", "tension", "plastic_strain")  # in /final
@@ -316,33 +315,6 @@ def test_a_roof_without_equilibrium_counts_as_detached():
     losses = losses_of(SimpleNamespace(samples=samples, finished=samples["state"] == "finished"))
     assert losses.no_equilibrium.tolist() == [1, 1] and losses.detached_area.tolist() == [1.0, 0.3]
     assert losses.not_stable.tolist() == [0, 1] and losses.breaking.tolist() == [1, 0]
-
-
-def test_asymmetric_results_of_symmetric_removals_are_named(capsys):
-    """Two opposite of four spokes of a wheel break 3 and 5; no line without gusts or with more seeds."""
-    x = np.array([[0, 0, 1.0], [5, 0, 0], [0, 5, 0], [-5, 0, 0], [0, -5, 0]])
-    spokes = np.array([[0, 1], [0, 2], [0, 3], [0, 4]])
-    samples = {
-        "removed": np.array(["1", "2", "3", "4"]),
-        "state": np.array(["finished"] * 4),
-        "detached_area": np.zeros(4),
-        "broken": np.array([3, 5, 3, 3]),
-        "gusts": np.ones(4, int),
-    }
-    net = {"particles": x, "elements": spokes, "element_id": np.array([1, 2, 3, 4])}
-    study = SimpleNamespace(samples=samples, finished=np.ones(4, bool), net=net, removes="")
-    assert asymmetric_pair(study, losses_of(study)) == (0, 1)
-    _losses(study, print)
-    output = capsys.readouterr().out
-    assert "after one 3 elements (removal of 1) break, after the other 5 elements (removal of 2)" in output
-    assert "All of them have the same gusts" in output and "use the mean wind" in output
-    samples["gusts"][:] = 0
-    assert asymmetric_pair(study, losses_of(study)) is None
-    samples |= {"gusts": np.ones(4, int), "wind.seed": np.array([1, 2, 1, 2])}
-    assert asymmetric_pair(study, losses_of(study)) is None
-    del samples["wind.seed"]
-    x[2] = [0, 5, 1]  # no longer symmetric
-    assert asymmetric_pair(study, losses_of(study)) is None
 
 
 def test_a_removal_with_further_fractures_has_no_factor_in_the_chart():

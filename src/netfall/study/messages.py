@@ -163,11 +163,6 @@ FACTORS_WITH_GUSTS = Message(
     "gusts continue after a removal, so dynamic factors contain both effects. For the removal alone, use the "
     "mean wind ([wind] turbulence_intensity = 0)",
 )
-ASYMMETRIC_REMOVALS = Message(
-    "W974",
-    "symmetric removals differ: after one {first} break, after the other {other}. All of them have the same "
-    "gusts, which are not symmetric. Vary wind.seed to see the effect of the removal alone",
-)
 ENERGY_BALANCE = Message(
     "W975",
     "the energy balance of {count:sample} is off by more than {limit:.1%}. The time step is too long for "

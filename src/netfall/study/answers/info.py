@@ -16,7 +16,7 @@ from netfall.study import messages
 from netfall.study.answers import statistics
 from netfall.study.answers.fragility import failures, is_judged
 from netfall.study.answers.hazard import DEFAULT_YEARS, TARGET_RELIABILITY
-from netfall.study.answers.losses import MAX_DYNAMIC_FACTOR, asymmetric_pair, losses_of
+from netfall.study.answers.losses import MAX_DYNAMIC_FACTOR, losses_of
 from netfall.study.answers.read import Study, read_study, unit_of_column, with_unit
 from netfall.study.answers.samples import (
     SPEED,
@@ -354,12 +354,6 @@ def _losses(study: Study, say: Callable[..., Any]) -> None:
         say(messages.LARGE_FACTORS(limit=MAX_DYNAMIC_FACTOR))
     if np.any(study.samples.get("gusts", 0)):
         say(messages.FACTORS_WITH_GUSTS())
-    pair = asymmetric_pair(study, losses)
-    if pair:
-        first, other = (
-            f"{count_of(round(losses.broken[k]), 'element')} (removal of {losses.name[k]})" for k in pair
-        )
-        say(messages.ASYMMETRIC_REMOVALS(first=first, other=other))
 
 
 def _named(names: np.ndarray) -> str:

@@ -6,12 +6,10 @@ import numpy as np
 
 from netfall.results.losses import REMOVAL_FAILED
 from netfall.study.answers.read import Study
-from netfall.study.answers.samples import is_seed, varying_inputs
 
 # Dynamic factor above which it is meaningless: the static tension hardly changes, or the roof continued to
 # break, which the equilibrium after the removal does not include.
 MAX_DYNAMIC_FACTOR = 10.0
-SYMMETRY = 1e-3  # of the net's extent: removals whose positions about its centre differ by less are symmetric
 
 
 @dataclass
@@ -75,44 +73,6 @@ def losses_of(study: Study) -> Losses | None:
         count(state_after == "unstable"),
         count(state_after == "breaks"),
     )
-
-
-def asymmetric_pair(study: Study, losses: Losses) -> tuple[int, int] | None:
-    """Find two symmetric removals with different numbers of broken elements under the same gusts.
-
-    None if there are none, if the wind has no gusts, or if seeds differ.
-    """
-    samples = study.samples
-    if not np.any(samples.get("gusts", 0)) or any(is_seed(name) for name in varying_inputs(samples)):
-        return None
-    positions = _places(study, losses)
-    for k in range(len(positions)):
-        differing = (np.abs(positions - positions[k]) < SYMMETRY).all(1) & (losses.broken != losses.broken[k])
-        others = np.flatnonzero(differing & np.isfinite(losses.broken) & np.isfinite(losses.broken[k]))
-        if len(others):
-            return k, int(others[0])
-    return None
-
-
-def _places(study: Study, losses: Losses) -> np.ndarray:
-    """Return the position of each removal about the centre of the net (l, 5), equal for symmetric removals.
-
-    Columns: least and largest radius in plan and height, relative to the extent of the net, and number of
-    removed elements; nan: unknown.
-    """
-    x, row = study.net["particles"], removal_of_element(study, losses)
-    positions = np.full((len(losses.name), 5), np.nan)
-    if not len(x):
-        return positions
-    centre = 0.5 * (x.min(0) + x.max(0))
-    extent = np.ptp(x, axis=0).max() or 1.0
-    radius = np.sqrt((x[:, 0] - centre[0]) ** 2 + (x[:, 1] - centre[1]) ** 2) / extent
-    for k in range(len(positions)):
-        ends = study.net["elements"][row == k].ravel()
-        if len(ends):
-            r, z = radius[ends], x[ends, 2] / extent
-            positions[k] = r.min(), r.max(), z.min(), z.max(), len(ends)
-    return positions
 
 
 def removal_of_element(study: Study, losses: Losses) -> np.ndarray:
