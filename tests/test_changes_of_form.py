@@ -317,22 +317,6 @@ def test_a_roof_without_equilibrium_counts_as_detached():
     assert losses.not_stable.tolist() == [0, 1] and losses.breaking.tolist() == [1, 0]
 
 
-def test_a_removal_with_further_fractures_has_no_factor_in_the_chart():
-    """The chart has a dot for the removal without fractures, and a text with the reason for the other."""
-    from netfall.post.plots.study.maps import removal_chart
-
-    samples = {
-        "removed": np.array(["1", "2"]),
-        "state": np.array(["finished"] * 2),
-        "detached_area": np.zeros(2),
-        "broken": np.array([0, 3]),
-        "dynamic_factor_max": np.array([1.7, np.nan]),
-    }
-    left = removal_chart(SimpleNamespace(samples=samples, finished=np.ones(2, bool), title="")).axes[0]
-    assert left.lines[0].get_xdata().tolist() == [1.7] and "hollow" not in left.get_xlabel()
-    assert [text.get_text() for text in left.texts] == [" no factor: more broke"]
-
-
 # --- parts of the wind
 
 

@@ -14,7 +14,7 @@ from study_files import columns, drawn_samples, net, study_lines, write_study
 from netfall.cli.parser import read_command
 from netfall.cli.results import info
 from netfall.core.errors import InputError
-from netfall.post.plots.study.maps import loss_map, removal_chart
+from netfall.post.plots.study.maps import loss_map
 from netfall.post.plots.study.study import pictures_of
 from netfall.results.file import open_result
 from netfall.study.answers import fragility, probit, samples
@@ -382,7 +382,7 @@ def test_a_study_is_plotted_and_exported(storm, tmp_path, capsys):
     """The pictures depend on its data. The table has every number, with units in its first line."""
     read_command(["plot", str(storm), "-o", str(tmp_path / "out")])()
     written = capsys.readouterr().out.split()
-    names = [f"storm_{name}" for name in ("fragility.png", "breaks.png", "spread.png", "samples.csv")]
+    names = [f"storm_{name}" for name in ("fragility.png", "breaks.png", "samples.csv")]
     assert written == [str(tmp_path / "out" / name) for name in names]
     assert all((tmp_path / "out" / name).stat().st_size > 10_000 for name in names)
     with open(tmp_path / "out" / "storm_samples.csv") as file:
@@ -412,9 +412,6 @@ def test_removals_and_random_keys_are_plotted_and_described(tmp_path):
     output = study_lines(tmp_path / "loss.study.h5")
     assert "60 different" in output and "no equilibrium after 1 (1005)" in output
     assert "samples of 1 of them are left out and may be worse (1012)" in output
-    chart = removal_chart(read_study(tmp_path / "loss.study.h5")).axes
-    assert [label.get_text() for label in chart[0].get_yticklabels()[:3]] == ["1005", "1012", "1020"]
-    assert any("(2 left out)" in text.get_text() for text in chart[1].texts)
     assert "98.0% (removal of 1020)" in output and f"{factor[-1]:.3g} (removal of 1060)" in output
     first = output.index(f"largest tension over tension before: {1.0 + factor[-1]:.3g} (removal of 1060)")
     assert first < output.index("largest dynamic factors, if the equilibrium changes by more than 10% of the")
@@ -433,8 +430,8 @@ def test_removals_and_random_keys_are_plotted_and_described(tmp_path):
     assert "(Spearman) with the random inputs, of the 200 samples that finished" in output
     assert "wind.speed [m/s]: first_fracture -" in output and "cable.prestress [N]: " in output
     for name, known, new in (
-        ("loss", ["breaks", "spread"], ["loss_map", "losses"]),
-        ("draws", ["fragility", "breaks", "spread"], ["inputs"]),
+        ("loss", ["breaks"], ["loss_map"]),
+        ("draws", ["fragility", "breaks"], ["inputs"]),
     ):
         study = read_study(tmp_path / f"{name}.study.h5")
         pictures = pictures_of(study)
@@ -470,8 +467,7 @@ def test_negative_dynamic_factors_are_drawn_with_large_ones(tmp_path):
     members["dynamic_factor_max"] = np.array([-0.5, 20.0])
     write_study(tmp_path / "away.study.h5", members, {}, roof)
     study = read_study(tmp_path / "away.study.h5")
-    for draw in (loss_map, removal_chart):
-        draw(study).savefig(tmp_path / "away.png", dpi=60)
+    loss_map(study).savefig(tmp_path / "away.png", dpi=60)
 
 
 def test_a_study_is_not_a_result_and_must_be_complete(storm, tmp_path):

@@ -19,7 +19,6 @@ from netfall.post.plots import canvas, states
 from netfall.post.plots.collapse import collapse
 from netfall.post.plots.curves import energies
 from netfall.post.plots.study.maps import loss_map
-from netfall.post.plots.study.study import spread
 from netfall.post.report.info import info_of_result
 from netfall.study.answers.read import read_study
 
@@ -135,26 +134,6 @@ def test_the_picture_of_energies_omits_unknown_ones(workshop):
     assert all(np.isfinite(line.get_ydata()).all() for line in axes.lines)
     names = [text.get_text() for text in figure.legends[0].get_texts()]
     assert names == ["kinetic", "strain (since t = 0)", "plastic dissipation"]
-
-
-@pytest.mark.parametrize(("has_net", "most"), [(True, 1), (False, 2)])
-def test_the_spread_of_a_study_counts_elements_of_the_tables(tmp_path, has_net, most):
-    """Both parts of an element break; a study whose keys change the net has rows of elements alone."""
-    roof = net()
-    roof["element_id"] = np.repeat(np.arange(len(roof["element_id"])), 2)[: len(roof["element_id"])]
-    samples = columns(
-        {"removed": np.array(["a"], object)}, np.ones(1, bool), np.zeros(1), broken=np.array([1])
-    )
-    path = tmp_path / "s.study.h5"
-    write_study(path, samples, {}, roof)
-    with h5py.File(path, "a") as f:
-        del f["events"]
-        for name, values in {"sample": [0, 0], "time": [0.1, 0.2], "element": [0, 1]}.items():
-            f[f"events/{name}"] = values
-        if not has_net:
-            del f["net"], f["first_breaks"], f["breaks"]
-    (axes,) = spread(read_study(path)).axes
-    assert max(line.get_ydata().max() for line in axes.lines) == most
 
 
 def test_check_prints_the_forces_of_the_last_stage(workshop):

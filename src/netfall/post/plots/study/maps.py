@@ -8,14 +8,13 @@ from matplotlib.ticker import PercentFormatter
 
 from netfall.core.functions import along_axes
 from netfall.post.plots import canvas
-from netfall.study.answers.losses import MAX_DYNAMIC_FACTOR, Losses, losses_of, removal_of_element
+from netfall.study.answers.losses import MAX_DYNAMIC_FACTOR, losses_of, removal_of_element
 from netfall.study.answers.read import Study
 
 DOT_LENGTH = 0.015  # length / size of the picture; shorter elements get a dot
 COLOURS = "viridis_r"
 MOST_NAMED = 5  # elements labelled with their ids
 MAX_STRUT_SLOPE = 0.1  # horizontal / vertical length, below which an element is a strut between layers
-MOST_ROWS = 50  # removals in the chart
 LEAST_ON_LOG = 0.1  # factor; a logarithmic scale shows smaller and negative factors at this one
 
 
@@ -119,61 +118,6 @@ def _draw_map(
     canvas.add_labels(plan, flat[labelled].mean(1), names[labelled].tolist())
 
 
-def removal_chart(study: Study) -> Figure:
-    """Draw a dot for each sample in a row for each removal, and the further fractures.
-
-    Removals without an equilibrium come first, then removals with excluded samples, then by the largest lost
-    roof, fractures and dynamic factor.
-    """
-    losses = losses_of(study)
-    assert losses is not None  # see `pictures_of`
-    factor = np.where(study.finished, study.samples.get("dynamic_factor_max", np.nan), np.nan)
-    worst = losses.no_equilibrium > 0, losses.left_out > 0
-    severity = (*worst, losses.detached_area, losses.broken, losses.dynamic_factor)
-    order = np.lexsort([-np.nan_to_num(1.0 * values) for values in reversed(severity)])
-    rows = order[:MOST_ROWS]
-    row_of = np.full(len(losses.name), -1)
-    row_of[rows] = np.arange(len(rows))
-    y = row_of[losses.place]
-    height = 1.8 + 0.19 * len(rows)
-    figure, ((left, right),) = canvas.open_charts(1, 2, 11, height, sharey=True, width_ratios=(3, 2))
-    drawn, is_log = (y >= 0) & np.isfinite(factor), _has_dominant(factor)
-    if is_log:
-        factor = np.maximum(factor, LEAST_ON_LOG)
-    left.plot(factor[drawn], y[drawn], "o", color="C0", ms=4, alpha=0.8)
-    if is_log:
-        left.set_xscale("log")
-        left.xaxis.set_major_formatter("{x:g}")
-    for row in np.flatnonzero(np.isnan(losses.dynamic_factor[rows])):
-        text = " no factor: more broke" if losses.broken[rows[row]] > 0 else " no factor"
-        left.text(1.0, row, text, va="center", fontsize=canvas.SMALL, color="0.5")
-    left.axvline(1.0, color="0.6", lw=0.8)
-    left.axvline(2.0, color="0.6", lw=0.8, ls=":")
-    left.set_xlabel("largest dynamic factor of each sample in which no more broke [-]; dotted: 2")
-    _draw_consequences(right, losses, rows)
-    left.set_yticks(np.arange(len(rows)), losses.name[rows])
-    left.set(ylabel="removed", ylim=(len(rows) - 0.5, -0.5))
-    extent = f" (the worst {len(rows)} of {len(order)})" if len(rows) < len(order) else ""
-    canvas.set_figure_title(figure, study.title, f": after each removal{extent}")
-    return figure
-
-
 def _has_dominant(factor: np.ndarray) -> bool:
     """Whether some factors are so large that they would hide the others."""
     return bool((factor[np.isfinite(factor)] > MAX_DYNAMIC_FACTOR).any())
-
-
-def _draw_consequences(axes: Axes, losses: Losses, rows: np.ndarray) -> None:
-    """Draw the lost share of the roof, with the number of further fractures or a remark on no equilibrium."""
-    lost = 100 * np.nan_to_num(losses.detached_area[rows])
-    axis_end = max(10.0, 1.25 * lost.max(initial=0.0))
-    no_equilibrium = losses.no_equilibrium[rows] > 0
-    colours = np.where(no_equilibrium, canvas.BROKEN, "C0")
-    axes.barh(np.arange(len(rows)), lost, color=colours, height=0.7)
-    for y, k in enumerate(rows):
-        broken = losses.broken[k]
-        text = "no equilibrium" if no_equilibrium[y] else f"{broken:.0f} broke" if broken > 0 else ""
-        text += f" ({losses.left_out[k]} left out)" * bool(losses.left_out[k])
-        colour = canvas.BROKEN if no_equilibrium[y] else "0.3"
-        axes.text(lost[y] + 0.015 * axis_end, y, text, va="center", fontsize=canvas.SMALL, color=colour)
-    axes.set(xlim=(0, axis_end), xlabel="largest detached part of the roof [%], and further broken elements")

@@ -3,9 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from netfall.core.messages import count_of
@@ -13,12 +11,11 @@ from netfall.job.csv_table import write_table
 from netfall.post.plots import canvas
 from netfall.post.plots.canvas import remove_earlier, save
 from netfall.post.plots.study.fragility import fragility, hazard
-from netfall.post.plots.study.maps import breaks, loss_map, removal_chart
+from netfall.post.plots.study.maps import breaks, loss_map
 from netfall.results.datasets import OUTCOME_BY_NAME
 from netfall.results.locks import whole
 from netfall.study.answers.losses import losses_of, removal_of_element
 from netfall.study.answers.read import Study, read_study, unit_of_column, with_unit
-from netfall.study.answers.samples import SPEED
 from netfall.study.answers.statistics import (
     chosen_inputs,
     combination_codes,
@@ -28,52 +25,7 @@ from netfall.study.answers.statistics import (
     spearman,
 )
 
-MOST_LINES = 300  # samples that are drawn
-POINTS = 200  # points in time
-SHOWN_FRACTURES = 0.995  # share of all fractures within the time range of the picture
 MOST_INPUTS = 6  # columns of the picture of inputs
-
-
-def spread(study: Study) -> Figure:
-    """Draw a thin line for each sample that broke, with the median and the 5 to 95 % band.
-
-    The lines show the broken elements over the time since the first fracture, coloured by wind speed. Of many
-    samples, some are drawn, evenly chosen. A sample whose exposure has ended keeps its last count.
-    """
-    e = study.events
-    ids, element = study.net["element_id"], e["element"]
-    element = ids[element] if len(ids) else element  # a subdivided element counts as one
-    _, first = np.unique(np.stack([e["sample"], element], 1), axis=0, return_index=True)  # first breaks
-    first = first[study.finished[e["sample"][first]]]
-    order = first[np.lexsort((e["time"][first], e["sample"][first]))]
-    samples, start = np.unique(e["sample"][order], return_index=True)
-    courses = [times - times[0] for times in np.split(e["time"][order], start[1:])]
-    remaining = study.samples["duration"][samples] - study.samples["first_fracture"][samples]
-    span = max(1.05 * np.quantile(np.concatenate(courses), SHOWN_FRACTURES), 0.05 * remaining.max(), 1e-3)
-    figure, ((axes,),) = canvas.open_charts(1, 1, 9, 5.4)
-    speeds = study.samples.get(SPEED)
-    colours, shades = None, np.full(len(samples), "C0", object)
-    if speeds is not None and len(np.unique(speeds)) > 1:
-        colours = plt.cm.ScalarMappable(Normalize(speeds.min(), speeds.max()), "viridis")
-        shades = colours.to_rgba(speeds[samples])
-    for i in np.unique(np.linspace(0, len(courses) - 1, MOST_LINES).astype(int)):
-        t = np.append(courses[i], max(remaining[i], courses[i][-1]))
-        count = np.append(np.arange(1, len(t)), len(t) - 1)
-        axes.plot(t, count, drawstyle="steps-post", color=shades[i], lw=0.5, alpha=0.5)
-    grid = np.linspace(0.0, span, POINTS)
-    counts = np.array([np.searchsorted(t, grid, side="right") for t in courses], float)
-    low, middle, high = np.quantile(counts, (0.05, 0.5, 0.95), axis=0)
-    label = f"5 to 95 % of {len(courses)} samples (to the end of the exposure)"
-    axes.fill_between(grid, low, high, color="k", alpha=0.12, lw=0, label=label)
-    axes.plot(grid, middle, color="k", lw=2.2, label="median")
-    axes.set(xlim=(0, span), xlabel="time since the first fracture [s]", ylabel="elements broken")
-    axes.set_ylim(bottom=0)
-    if colours is not None:
-        figure.colorbar(colours, ax=axes, label="mean wind speed [m/s]")
-    canvas.add_legend_below(figure, axes, ncols=2)
-    subtitle = f": spread of the collapse in {len(courses)} samples that broke"
-    canvas.set_figure_title(figure, study.title, subtitle)
-    return figure
 
 
 def inputs(study: Study) -> Figure:
@@ -125,9 +77,7 @@ def pictures_of(study: Study) -> dict[str, Callable[[Study], Figure] | None]:
         ("fragility", fragility, bool(study.fragility)),
         ("hazard", hazard, bool(study.hazard) and np.isfinite(study.hazard["annual_probability"]).any()),
         ("breaks", breaks, has_breaks),
-        ("spread", spread, bool(len(study.events["time"])) and study.finished[study.events["sample"]].any()),
         ("loss_map", loss_map, losses is not None and (removal_of_element(study, losses) >= 0).any()),
-        ("losses", removal_chart, losses is not None),
         ("inputs", inputs, bool(drawn_inputs(study)) and bool(responses(study))),
     ]
     return {name: draw if present else None for name, draw, present in pictures}
