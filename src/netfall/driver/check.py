@@ -1,7 +1,6 @@
 """Report of `netfall check` on a job before it runs: sizes, step limits, memory, expected run time."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,6 @@ from netfall.driver.reporting.wind import slender_loads, wind_lines
 from netfall.driver.setup import prepare_problem
 from netfall.geometry import messages as geometry_messages
 from netfall.geometry.areas import areas_are_given, largest_face, outer_side_line
-from netfall.geometry.build import build_net
 from netfall.job.csv_table import zone_values
 from netfall.job.derived import has_statics, load_steps
 from netfall.job.job import Job
@@ -33,9 +31,8 @@ from netfall.parallel.mpi import MPI
 from netfall.physics.fields import FIELDS, Features
 from netfall.results.h5 import CHUNK_BYTES
 
-# Times [s] on one core; those of large nets are from jobs/bench.
-# ns per element and step, us per step; long rows of elements need less, fractures more
-STEP_NS, STEP_US = 5.0, 1.0
+# Times on one core; those of large nets are from jobs/bench.
+STEP_NS, STEP_US = 5.0, 1.0  # per element and step; per step (long rows of elements less, fractures more)
 ROW_S, FRAME_S = 3e-5, 7e-4  # per history row; per snapshot
 CHECKPOINT_S, CHECKPOINT_ELEMENT_S = 0.026, 4e-6  # per checkpoint; per element in it
 EQUILIBRIUM_S = 1e-4  # per equilibrium and element of a small net; varies with slack and compression
@@ -47,7 +44,6 @@ RELAXED = "; a stage whose nodes hang far below their taut positions needs relax
 UNPREDICTED = "; an equilibrium far from the tangent takes a third to five times this time, more if relaxed"
 LIMIT_LOAD_SEARCH_RATIO = 5  # time of a search for the limit load factor over the time of an equilibrium
 START_S, NET_S = 0.8, 3e-4  # s to start Python and MPI; s per element for net and form
-LARGEST_FORM = 400_000  # number of elements up to which check also finds the form, in some ten seconds
 # Bytes of the result file per particle and per element: of a snapshot; of the connectivity, which a snapshot
 # contains only if elements broke since the last one; of an equilibrium; of datasets that are written once.
 FRAME_BYTES, CONNECTIVITY_BYTES = (24 + 12 + 12, 4 + 4 + 4 + 1), (8 + 8, 16 + 8 + 1 + 8 + 8 + 4)
@@ -117,28 +113,23 @@ def check_values(job: Job, lines: list[str], folder: Path | None = None) -> dict
 
 def _check(job: Job, folder: Path | None, say: Callable[[str], None]) -> Problem:
     """Check a job, print the lines of `check_job` as they are computed, and return the problem."""
-    checked_job = job
-    if job.form_finding and build_net(job).m > LARGEST_FORM:
-        say(messages.FORM_LEFT_OUT(limit=LARGEST_FORM))
-        checked_job = replace(job, form_finding=None)
-
     def describe(layout: Layout | None, _: Features) -> None:
         assert layout is not None  # one rank
         if folder:
             say(f"picture: {plot_job_net(job, layout, folder)}")
-        for line in run.net_remarks(checked_job, layout):
+        for line in run.net_remarks(job, layout):
             say(line)
 
-    problem = prepare_problem(MPI.COMM_SELF, checked_job, PhaseTimes(), describe=describe)[0]
+    problem = prepare_problem(MPI.COMM_SELF, job, PhaseTimes(), describe=describe)[0]
     if problem.failure:
         raise problem.failure
-    for line in _check_lines(job, checked_job, problem):
+    for line in _check_lines(job, problem):
         say(line)
     return problem
 
 
-def _check_lines(job: Job, checked_job: Job, problem: Problem) -> Iterator[str]:
-    """Yield the lines of `check_job` after the remarks on the net; checked_job : possibly without form."""
+def _check_lines(job: Job, problem: Problem) -> Iterator[str]:
+    """Yield the lines of `check_job` after the remarks on the net."""
     model = problem.root_model
     yield f"{job.path}: {job.title or job.name}: valid"
     yield from _net_lines(problem)
@@ -160,7 +151,7 @@ def _check_lines(job: Job, checked_job: Job, problem: Problem) -> Iterator[str]:
         f"compilation in the first run{remark}"
     )
     yield memory_line(problem)
-    yield from mode_lines(checked_job, problem)
+    yield from mode_lines(job, problem)
 
 
 def _net_lines(problem: Problem) -> Iterator[str]:

@@ -336,11 +336,6 @@ MUCH_ADDED_INERTIA = Message(
 
 # --- check and size of a run
 
-FORM_LEFT_OUT = Message(
-    "N661",
-    "check: more than {limit} elements: the form is not computed. All values are those of the given "
-    "geometry.",
-)
 LARGE_FACE = Message(
     "N662",
     "largest face: {area:.4g} m2 in plan around [{x:.4g}, {y:.4g}], the usual one has {usual:.4g} m2. If it "
