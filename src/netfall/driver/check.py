@@ -113,6 +113,7 @@ def check_values(job: Job, lines: list[str], folder: Path | None = None) -> dict
 
 def _check(job: Job, folder: Path | None, say: Callable[[str], None]) -> Problem:
     """Check a job, print the lines of `check_job` as they are computed, and return the problem."""
+
     def describe(layout: Layout | None, _: Features) -> None:
         assert layout is not None  # one rank
         if folder:

@@ -195,10 +195,9 @@ def _record(job: Job, entry: Any, number: int) -> tuple[np.ndarray, np.ndarray, 
         unit_note = messages.LARGE_SUPPORT_DISPLACEMENT(number=number, file=file, peak=peak, limit=MAX_MOTION)
         return *rows, table.notes + [unit_note] * bool(peak > MAX_MOTION)
     if is_record(entry):
-        time, a, unit = read_at2(path)
-        a = entry.scale * UNITS[unit] * a[:, None] * _unit_vector(entry.direction)
-        unit_note = messages.UNIT_FROM_HEADER(number=number, file=entry.acceleration, unit=unit)
-        notes = [] if unit == "g" else [unit_note]
+        time, a = read_at2(path)
+        a = entry.scale * GRAVITY * a[:, None] * _unit_vector(entry.direction)
+        notes = []
         if entry.baseline is not False:
             slope = _fit_parabola(time, _integrate_acceleration(time, a)[:, 1])
             change = slope[0] + 2.0 * time[:, None] * slope[1]
@@ -300,26 +299,13 @@ def _drift_note(number: int, a: np.ndarray, end: float, place: np.ndarray) -> st
 # --- PEER's files (.AT2)
 
 HEADER_LINES = 4  # header lines before the numbers
-UNITS = {"g": GRAVITY, "m/s2": 1.0, "cm/s2": 0.01, "mm/s2": 0.001, "in/s2": 0.0254, "ft/s2": 0.3048}  # m/s2
-SPELLINGS = (  # pattern, replacement: unify the spellings of a unit
-    (r"\*\*|\^", ""),
-    ("²", "2"),
-    (r"\s*(?:/|\bper\b)\s*", "/"),
-    (r"/\(?s(?:ec(?:ond)?s?)?\b\)?", "/s"),
-    (r"/\(?s(?:ec(?:ond)?s?)?\)?\s*2\b|/s/s\b|[\s.]*s-2\b", "/s2"),
-    (r"\bgals?\b", "cm/s2"),
-)
-NAMED = r"\bunits?\b[\s:=(\[]*(?:(?:of|in|is|are)\b[\s:=(\[]*)?"
-RATE_UNIT = r"(?P<rate>(?:[mc]?m|in|ft)/s2)(?![\w/])"
-UNIT_PATTERN = re.compile(
-    rf"(?P<value>[\d.]\s*)?(?<![\w/]){RATE_UNIT}|(?:{NAMED}|\bin\s+|[(\[,;]\s*)g(?:'s)?(?![\w/])"
-)
+UNIT = re.compile(r"\bunits?\s+(of|in|:)\s+g\b", re.I)
 
 
-def read_at2(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
-    """Read times (r,) [s], accelerations (r,) and their unit, one of UNITS. Raises InputError.
+def read_at2(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Read times (r,) [s] and accelerations (r,) [g]. Raises InputError.
 
-    The fourth line of the header has "NPTS= 3000, DT= .0100 SEC"; any header line may have the unit.
+    The fourth line of the header has "NPTS= 3000, DT= .0100 SEC"; one of them has "UNITS OF G".
     """
     lines = read_bytes(path).decode("utf-8", "replace").splitlines()
     last = lines[HEADER_LINES - 1] if len(lines) >= HEADER_LINES else ""
@@ -334,20 +320,6 @@ def read_at2(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
     if len(a) != count or count < 2 or not dt > 0.0 or not np.isfinite(a).all():
         finite = int(np.isfinite(a).sum())
         raise InputError(messages.RECORD_LENGTH(path=path, found=finite, count=count, step=dt))
-    return dt * np.arange(count), a, _parse_unit(path, "\n".join(lines[:HEADER_LINES]))
-
-
-def _parse_unit(path: Path, head: str) -> str:
-    """Return the unit of acceleration in the head of a record. Raises InputError unless it names one.
-
-    A unit after a number belongs to that number ("PGA 0.3 G"), not to the record.
-    """
-    head = head.lower()
-    for spelling, standard in SPELLINGS:
-        head = re.sub(spelling, standard, head)
-    units = {match["rate"] or "g" for match in UNIT_PATTERN.finditer(head) if not match["value"]}
-    units |= {word for word in re.findall(rf"{NAMED}([^\s,;:=()\[\]]+)", head) if word not in ("g", "g's")}
-    if len(units) == 1 and units <= UNITS.keys():
-        return units.pop()
-    unit = f"the unit {' and '.join(sorted(units))}" if units else "no unit"
-    raise InputError(messages.RECORD_UNIT(path=path, found=unit, units=", ".join(UNITS)))
+    if not UNIT.search("\n".join(lines[:HEADER_LINES])):
+        raise InputError(messages.RECORD_UNIT(path=path))
+    return dt * np.arange(count), a

@@ -46,9 +46,6 @@ LARGE_SUPPORT_DISPLACEMENT = Message(
 RECORD_STARTS_LATE = Message(
     "E309", "the first row is at {time:g} s, expected 0 s or earlier. Add a row at time 0."
 )
-UNIT_FROM_HEADER = Message(
-    "N310", "[[motion]] {number}: {file}: accelerations are in {unit}, by the header of the file."
-)
 BASELINE_CORRECTION = Message(
     "N311",
     "[[motion]] {number}: the baseline correction changes accelerations by at most {peak:.3g} m/s2.",
@@ -87,10 +84,8 @@ RECORD_LENGTH = Message(
 )
 RECORD_UNIT = Message(
     "E319",
-    "{path}: the header names {found}, expected one of {units}. Write the unit of the values into the third "
-    "line, as in UNITS OF G, or give a table of time and acceleration in m/s2.",
-    "netfall takes the unit of a PEER record (.AT2) from its four header lines. A unit behind a number, as "
-    "in PGA 0.3 G, belongs to that number and does not count.",
+    "{path}: no header line has the words UNITS OF G, the unit of PEER. Convert the values to g and add the "
+    "words, or give a table of time and acceleration in m/s2.",
 )
 MOTION_OF_FREE_AXES = Message(
     "W320",

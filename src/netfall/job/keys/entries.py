@@ -129,7 +129,7 @@ class Motion(Section):
     nodes: Ids | None = key("ids of the supports that move; absent: all")
     displacement: TablePath | None = key("path of a table time, x, y, z, linear between its rows", unit="m")
     acceleration: TablePath | None = key(
-        "path of a record (.AT2, in the unit of its head), or of a table time, x, y, z or time, acceleration",
+        "path of a record (.AT2, in g), or of a table time, x, y, z or time, acceleration",
         unit="m/s2",
     )
     direction: Vector | None = key("direction of an acceleration of one component")
