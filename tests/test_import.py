@@ -21,7 +21,6 @@ from vtkmodules.vtkCommonDataModel import (
     VTK_POLY_LINE,
     VTK_QUAD,
     VTK_QUADRATIC_EDGE,
-    VTK_QUADRATIC_QUAD,
     VTK_TETRA,
     VTK_TRIANGLE_STRIP,
     VTK_VERTEX,
@@ -802,27 +801,21 @@ def test_vtu_files_of_every_encoding_are_imported(tmp_path, mode, compressor):
 
 
 def test_cells_of_a_grid_are_lines_or_counted(tmp_path):
-    """Quadratic edges and faces have straight sides. Strips and solids have no lines and are counted."""
-    x = [(0, 0, 0), (4, 0, 0), (2, 0, 0.25), (4, 3, 0), (4, 1.5, 0)]  # two edges, the first 0.25 m deep
-    x += [(0, 10, 0), (6, 10, 0), (6, 18, 0), (0, 18, 0)]  # a face of 6 x 8 m, and the middles of its sides
-    x += [(3, 10, 0), (6, 14, 0), (3, 18, 0), (0, 14, 0)]
+    """Curves, strips and solids have no straight lines and are counted."""
+    x = [(0, 0, 0), (4, 0, 0), (2, 0, 0.25), (4, 3, 0), (6, 10, 0), (6, 18, 0), (0, 18, 0), (0, 10, 0)]
     cells = (
         (VTK_QUADRATIC_EDGE, (0, 1, 2)),
-        (VTK_QUADRATIC_EDGE, (1, 3, 4)),
-        (VTK_QUADRATIC_QUAD, range(5, 13)),
-        (VTK_TRIANGLE_STRIP, (5, 6, 8, 7)),
+        (VTK_QUAD, (4, 5, 6, 7)),
+        (VTK_TRIANGLE_STRIP, (7, 4, 6, 5)),
         (VTK_TETRA, (0, 1, 3, 2)),
         (VTK_VERTEX, (0,)),
     )
     vtk_writer(vtk_grid(x, cells), tmp_path / "grid.vtu").Write()
     reading = read_net(tmp_path / "grid.vtu", ImportOptions(supports="outline"))
-    assert sorted(lengths(reading)) == [3.0, 4.0, 6.0, 6.0, 8.0, 8.0]
+    assert sorted(lengths(reading)) == [6.0, 6.0, 8.0, 8.0]
+    names = ("vertex", "triangle strip", "tetra", "quadratic edge")
     assert [line for line in reading.lines if line.startswith("left out")] == [
-        "left out: points between the ends or corners of cells of higher order: 6; those of curves are up to "
-        "0.25 from the straight lines that were read",
-        "left out: cells of type vertex, neither a line nor a face: 1",
-        "left out: cells of type triangle strip, neither a line nor a face: 1",
-        "left out: cells of type tetra, neither a line nor a face: 1",
+        f"left out: cells of type {name}, no straight line or face: 1" for name in names
     ]
 
 
@@ -961,8 +954,8 @@ def test_invisible_lines_are_omitted_and_counted(tmp_path):
     assert reading.drawing.force_density.tolist() == [7.0, 7.0, -1.0]
 
 
-def test_sides_of_faces_have_the_group_of_their_face_and_ghosts_none(tmp_path):
-    """Three quadrangles in a row have groups 5, 6 and 7. The middle one is a ghost of another piece."""
+def test_sides_of_faces_have_the_group_of_their_face(tmp_path):
+    """Three quadrangles in a row have groups 5, 6 and 7. A file with a ghost of another piece is refused."""
     corners = "0 1 5 4 1 2 6 5 2 3 7 6"
     points = " ".join(f"{i} {j} 0" for j in range(2) for i in range(4))
     arrays = (
@@ -977,9 +970,8 @@ def test_sides_of_faces_have_the_group_of_their_face_and_ghosts_none(tmp_path):
     drawing = read_net(path, ImportOptions(supports="outline")).drawing
     assert sorted(of(drawing)) == ["group 5"] * 4 + ["group 6"] * 3 + ["group 7"] * 3
     path.write_text(vtu(8, 3, points, arrays, groups + data_array("vtkGhostType", "0 1 0", "UInt8")))
-    reading = read_net(path, ImportOptions(supports="outline"))
-    assert sorted(of(reading.drawing)) == ["group 5"] * 4 + ["group 7"] * 4
-    assert "left out: 1 cell, ghosts or hidden" in reading.lines
+    with pytest.raises(InputError, match="ghosts or hidden cells"):
+        report(path)
 
 
 def test_names_of_layers_ignore_case(tmp_path):

@@ -16,10 +16,9 @@ from vtkmodules.vtkCommonDataModel import VTK_LINE, vtkCellArray, vtkUnstructure
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader, vtkXMLUnstructuredGridWriter
 
 from netfall.core.messages import count_of
-from netfall.exchange.drawings.drawing import Drawing, largest_offset
+from netfall.exchange.drawings.drawing import Drawing
 
 GHOSTS = "vtkGhostType"
-GHOST_CELL, HIDDEN_POINT = 1 | 8 | 32, 2  # bits: duplicate, refined, hidden (vtkDataSetAttributes)
 SUPPORTS = ("held", "fixed", "is_anchor", "is_fixed")
 VARIABLE = re.compile("Poly|Strip|Lagrange|Bezier")  # classes of cells with any number of points
 
@@ -30,8 +29,8 @@ def read_vtu(path: Path, supports: list[str]) -> Drawing:
     Raises errors as `reading.READERS` says.
     """
     grid = _read_grid(path)
-    x, drawn = vtk_to_numpy(grid.GetPoints().GetData()).astype(float), _drawn_cells(grid)
-    ends, cell, left_out = _lines(grid, x, np.flatnonzero(drawn).tolist())
+    x = vtk_to_numpy(grid.GetPoints().GetData()).astype(float)
+    ends, cell, left_out = _lines(grid)
     number, keys = _array(grid.GetCellData(), "group"), _array(grid.GetPointData(), "node_id")
     supported = (_array(grid.GetPointData(), name, 3) for name in SUPPORTS)
     held = next((array for array in supported if array is not None), np.zeros(len(x)))
@@ -39,7 +38,6 @@ def read_vtu(path: Path, supports: list[str]) -> Drawing:
     names = [f"group {k}" if number is not None else "cables" for k in np.unique(group).tolist()]
     _, layer = np.unique(group, return_inverse=True)
     axes = held.reshape(len(x), -1) != 0
-    hidden = [f"{count_of(int((~drawn).sum()), 'cell')}, ghosts or hidden"] if not drawn.all() else []
     return Drawing(
         lines=x[ends],
         layer=layer,
@@ -48,7 +46,7 @@ def read_vtu(path: Path, supports: list[str]) -> Drawing:
         in_part=x[axes.any(1) & ~axes.all(1)],
         keys=None if keys is None else keys[ends],
         read=[f"{len(x)} points, {len(ends)} lines"],
-        left_out=left_out + hidden,
+        left_out=left_out,
     )
 
 
@@ -72,6 +70,9 @@ def _read_grid(path: Path) -> Any:
         raise ValueError(
             f"cells name points from {points.min()} to {points.max()} of {grid.GetNumberOfPoints()}"
         )
+    ghosts = (_array(data, GHOSTS) for data in (grid.GetCellData(), grid.GetPointData()))
+    if any(array is not None and array.any() for array in ghosts):
+        raise ValueError(f"it has ghosts or hidden cells ({GHOSTS}). Write a file without these cells")
     return grid
 
 
@@ -92,52 +93,31 @@ def _array(data: Any, name: str, axes: int = 1) -> np.ndarray | None:
     return numbers
 
 
-def _drawn_cells(grid: Any) -> np.ndarray:
-    """Select the cells (c,) that VTK draws: not ghosts, not hidden, and without hidden points."""
-    drawn = np.ones(grid.GetNumberOfCells(), bool)
-    of_cell, of_point = (_array(data, GHOSTS) for data in (grid.GetCellData(), grid.GetPointData()))
-    if of_cell is not None:
-        drawn &= of_cell & GHOST_CELL == 0
-    if of_point is not None:
-        offsets = vtk_to_numpy(grid.GetCells().GetOffsetsArray())
-        cell = np.repeat(np.arange(len(drawn)), np.diff(offsets))
-        hidden = of_point & HIDDEN_POINT != 0
-        drawn[cell[hidden[vtk_to_numpy(grid.GetCells().GetConnectivityArray())]]] = False
-    return drawn
-
-
-def _lines(grid: Any, x: np.ndarray, cells: list[int]) -> tuple[np.ndarray, np.ndarray, list[str]]:
+def _lines(grid: Any) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Return lines (k, 2) as rows of points, the cell (k,) of each line, and messages on undrawn content.
 
-    Each side of faces is one line. Cells of higher order are reduced to their ends or corners.
-    Raises ValueError for a cell with too few points.
+    Each side of plane cells is one line. Raises ValueError for a cell with too few points.
     """
     lines: list[Any] = []
     sides: dict[Any, Any] = {}
     others: Counter[Any] = Counter()
-    deviations: list[float] = []
-    inner_points: Counter[Any] = Counter()
-    for number in cells:
+    for number in range(grid.GetNumberOfCells()):
         cell = grid.GetCell(number)
         _check_points(cell, number)
-        points = [cell.GetPointId(k) for k in range(cell.GetNumberOfPoints())]
-        kind, corners = cell.GetClassName().removeprefix("vtk"), len(points)
+        kind = cell.GetClassName().removeprefix("vtk")
         if kind in ("Line", "PolyLine"):
+            points = [cell.GetPointId(k) for k in range(cell.GetNumberOfPoints())]
             lines += [(a, b, number) for a, b in pairwise(points)]
-        elif cell.GetCellDimension() == 1:
-            lines.append((*points[:2], number))
-            deviations.append(largest_offset(x[points[2:]], *x[points[:2]]))
-            corners = 2
-        elif cell.GetCellDimension() == 2 and kind != "TriangleStrip":
-            corners = cell.GetNumberOfEdges()
-            for edge in map(cell.GetEdge, range(corners)):  # vtk reuses the object of the edge
+        elif cell.GetCellDimension() == 2 and cell.IsLinear() and kind != "TriangleStrip":
+            for edge in map(cell.GetEdge, range(cell.GetNumberOfEdges())):  # one object that vtk reuses
                 sides.setdefault(tuple(sorted((edge.GetPointId(0), edge.GetPointId(1)))), number)
         elif kind != "EmptyCell":
             others[cell.GetCellType(), kind] += 1
-        inner_points.update({number: len(points) - corners} if len(points) > corners else {})
     lines += [(*pair, number) for pair, number in sorted(sides.items())]
     table = np.array(lines, np.int64).reshape(-1, 3)
-    return table[:, :2], table[:, 2], _left_out(inner_points, deviations, others)
+    names = {kind: re.sub(r"(?<!^)(?=[A-Z])", " ", kind[1]).lower() for kind in sorted(others)}
+    left_out = [f"cells of type {name}, no straight line or face: {others[k]}" for k, name in names.items()]
+    return table[:, :2], table[:, 2], left_out
 
 
 def _check_points(cell: Any, number: int) -> None:
@@ -148,24 +128,6 @@ def _check_points(cell: Any, number: int) -> None:
         expected = cell.NewInstance().GetNumberOfPoints()
     if count < expected:
         raise ValueError(f"cell {number} has {count_of(count, 'point')}; expected {expected}, by its type")
-
-
-def _left_out(inner_points: Counter[Any], deviations: list[float], others: Counter[Any]) -> list[str]:
-    """Return messages on inner points of cells, and on cells that are neither lines nor faces.
-
-    inner_points : number by cell; deviations : distance of the inner points of each curve from its chord;
-        others : cells by type and class
-    """
-    lines = []
-    if inner_points:
-        lines.append(
-            f"points between the ends or corners of cells of higher order: {inner_points.total()}; those "
-            f"of curves are up to {max(deviations, default=0.0):.4g} from the straight lines that were read"
-        )
-    names = {kind: re.sub(r"(?<!^)(?=[A-Z])", " ", kind[1]).lower() for kind in sorted(others)}
-    return lines + [
-        f"cells of type {name}, neither a line nor a face: {others[kind]}" for kind, name in names.items()
-    ]
 
 
 def write_vtu(
