@@ -9,6 +9,12 @@ from test_long_runs import ELEMENTS, JOB, NODES
 TINY = JOB.replace("16.2", "0.001")
 
 
+@pytest.fixture
+def job(workshop):
+    """Return the file of a valid job."""
+    return workshop.job(TINY, NODES, ELEMENTS)
+
+
 def test_a_long_title_is_printed_and_drawn(workshop):
     """The title is longer than an attribute of the result file can be. info prints all, plot a part of it."""
     title = "A roof " * 40
@@ -26,9 +32,8 @@ def test_a_long_title_is_printed_and_drawn(workshop):
         ("0.5", "0.03", "Set [wind] time_step >= 0.1, or surface_drag = 0"),
     ],
 )
-def test_an_impossible_wind_is_refused(workshop, speed, surface_drag, message):
+def test_an_impossible_wind_is_refused(workshop, job, speed, surface_drag, message):
     """At once: no overflow, and no minutes for the lags of gusts that last half an hour."""
-    job = workshop.job(TINY, NODES, ELEMENTS)
     values = ("--set", f"wind.speed={speed}", "--set", f"wind.surface_drag={surface_drag}")
     assert message in refused("check", job, *values, timeout=120)
 
@@ -44,23 +49,20 @@ def test_a_job_file_with_a_byte_order_mark_is_read(workshop):
     workshop.run(job)
 
 
-def test_a_forgotten_command_is_named(workshop):
-    job = workshop.job(TINY, NODES, ELEMENTS)
+def test_a_forgotten_command_is_named(workshop, job):
     assert f"did you mean netfall run {job}?" in refused(job)
     assert "did you mean netfall info a.vtkhdf?" in refused("a.vtkhdf")
     assert 'netfall rum: unknown command; did you mean "run"?' in refused("rum", job)
     assert "did you mean netfall run" in refused(job, ranks=2, run=run_netfall)
 
 
-def test_a_wrong_option_is_one_line(workshop):
-    job = workshop.job(TINY, NODES, ELEMENTS)
+def test_a_wrong_option_is_one_line(workshop, job):
     assert "--walltime" in refused("run", job, "--walltime", "10")
     assert "--fast: unknown option; did you mean" in refused("run", job, "--fast")
 
 
 @pytest.mark.parametrize("is_result", [True, False])
-def test_a_folder_is_refused_as_a_result_file(workshop, is_result):
-    job = workshop.job(TINY, NODES, ELEMENTS)
+def test_a_folder_is_refused_as_a_result_file(workshop, job, is_result):
     if is_result:
         (workshop.folder / "out").mkdir()
     line = refused("run", job, "-o", f"{workshop.folder}/out/")
@@ -69,23 +71,20 @@ def test_a_folder_is_refused_as_a_result_file(workshop, is_result):
 
 
 @pytest.mark.parametrize("verb", ["plot", "scale", "trade"])
-def test_a_file_is_refused_as_a_folder_for_pictures(workshop, verb):
-    job = workshop.job(TINY, NODES, ELEMENTS)
+def test_a_file_is_refused_as_a_folder_for_pictures(workshop, job, verb):
     more = ["--ranks", "1"] if verb == "scale" else []
     for place in (job, job / "pictures"):
         line = refused(verb, job, "-o", place, *more)
         assert f"-o {place}: {job} is a file; expected a folder" in line
 
 
-def test_an_animation_of_one_case_is_refused(workshop):
+def test_an_animation_of_one_case_is_refused(workshop, job):
     """An animation shows all states, so the option would have no effect."""
-    job = workshop.job(TINY, NODES, ELEMENTS)
     assert "--case snow: an animation shows all states" in refused("plot", job, "--animate", "--case", "snow")
 
 
-def test_mpirun_adds_no_lines_to_an_error(workshop):
+def test_mpirun_adds_no_lines_to_an_error(workshop, job):
     """The job file is wrong, or the run stops with a checkpoint: the exit code stays."""
-    job = workshop.job(TINY, NODES, ELEMENTS)
     assert 'did you mean "speed"?' in refused("run", job, "--set", "wind.sped=3", ranks=2, run=run_netfall)
     output = workshop.folder / "result.vtkhdf"
     done = run_netfall("run", job, "-o", output, "--walltime", "00:00:00", ranks=2, code=4)
@@ -120,9 +119,8 @@ def test_a_probe_far_from_the_net_is_named(workshop):
     assert note in run_on_standing_ranks("check", job).stdout
 
 
-def test_a_step_longer_than_the_duration_is_refused(workshop):
+def test_a_step_longer_than_the_duration_is_refused(workshop, job):
     """The run would be one step to a later time."""
-    job = workshop.job(TINY, NODES, ELEMENTS)
     values = ("--set", "dynamics.duration=5e-7")
     line = refused("run", job, "-o", workshop.folder / "result.vtkhdf", *values)
     assert "time_step = 1e-06: longer than duration = 5e-07 s" in line
