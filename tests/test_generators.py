@@ -78,17 +78,22 @@ def of(net, group):
     return net.prestress[net.group == GROUPS.index(group)]
 
 
-@pytest.mark.parametrize(("hoops", "spokes"), [(0, 6), (1, 12), (4, 36), (3, 25)])
+LARGE = pytest.param(40, 4000, marks=pytest.mark.long)  # 988,000 elements
+
+
+@pytest.mark.parametrize(("hoops", "spokes"), [(0, 6), (1, 12), (4, 36), (3, 25), LARGE])
 def test_every_free_node_of_the_dome_is_in_equilibrium(hoops, spokes):
-    """To rounding, far below 1e-9 of the prestress. Cables are taut, struts compressed, equal all around."""
+    """Far below 1e-9 of the prestress. Cables are taut, struts compressed, equal all around."""
     net = dome(levy_dome(spokes=spokes, hoops=hoops))
     force, free = pulls(net.x, net.elements, net.prestress), ~net.fixed.all(1)
-    assert np.abs(force[free]).max() < 1e-13 * np.abs(net.prestress).max()
+    # places are rounded to 7e-15 m; the shortest elements of the large dome have 13 mm: 7e-13 was found
+    rounding = 2e-12 if spokes == 4000 else 1e-13
+    assert np.abs(force[free]).max() < rounding * np.abs(net.prestress).max()
     assert (net.n, net.m) == ((2 * hoops + 3) * spokes, (6 * hoops + 7) * spokes)
     assert (of(net, "strut") < 0).all() and (net.prestress[net.group != GROUPS.index("strut")] > 0).all()
     for group in GROUPS:
         alike = np.sort(of(net, group)).reshape(-1, 2 * spokes if group in ("ridge", "diagonal") else spokes)
-        assert (np.ptp(alike, axis=1) <= 1e-13 * np.abs(net.prestress).max()).all()
+        assert (np.ptp(alike, axis=1) <= rounding * np.abs(net.prestress).max()).all()
 
 
 def test_forces_of_the_dome_by_hand():
@@ -153,13 +158,3 @@ def test_every_free_node_is_in_equilibrium_under_equal_horizontal_force(name, si
         hypar = 20.0 * ((net.x[:, 0] / 100.0) ** 2 - (net.x[:, 1] / 100.0) ** 2)
         # z_xx + z_yy = 0 holds for second differences of squares; rounding times the condition, cells^2
         assert net.x[:, 2] == pytest.approx(hypar, abs=1e-16 * 20.0 * dimensions[2] ** 2)
-
-
-@pytest.mark.long
-def test_a_dome_of_a_million_elements_is_in_equilibrium():
-    """At every free node, to rounding of the largest prestress."""
-    net = dome(levy_dome(spokes=4000, hoops=40))
-    assert net.m == 988_000
-    force, free = pulls(net.x, net.elements, net.prestress), ~net.fixed.all(1)
-    # places of some 50 m are rounded to 7e-15 m, the shortest elements have 13 mm; 7e-13 was found
-    assert np.abs(force[free]).max() < 2e-12 * np.abs(net.prestress).max()
