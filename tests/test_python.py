@@ -51,6 +51,14 @@ def cross(**sections) -> dict:
     }
 
 
+def run_on_two_ranks(folder, text: str, *words, code=None, timeout=300):
+    """Run a script on two ranks of mpirun; return the finished process."""
+    head = "import os, sys; sys.path[:0] = sys.argv[1:2]\nimport netfall; from test_python import cross\n"
+    (folder / "script.py").write_text(head + text)
+    line = (*on_ranks(2), sys.executable, "script.py", ROOT / "tests", *words)
+    return run_process(*line, cwd=folder, code=code, timeout=timeout)
+
+
 @pytest.fixture
 def standing():
     with standing_runs_of_python():
@@ -148,20 +156,8 @@ def test_errors_of_the_command_are_raised(here, ranks):
         netfall.run(cross() | {"net": cross()["net"] | {"fixed": [1, 1, 0]}}, ranks=ranks)
 
 
-def test_rows_of_several_lengths_are_refused():
-    for name, arrays in (
-        ("nodes", ([[0, 0, 0], [1, 0]], [[0, 1]])),
-        ("elements", (np.eye(3), [[0, 1], [2]])),
-    ):
-        with pytest.raises(netfall.InputError, match=f"Net: {name}: expected an array, whose rows have the"):
-            net = netfall.Net(*arrays)
-            net.node_table(), net.element_table()
-
-
 def test_under_mpirun_every_rank_gets_the_result(here):
-    (here / "script.py").write_text(
-        "import os, sys; sys.path[:0] = sys.argv[1:]\n"
-        "import netfall; from test_python import cross\n"
+    text = (
         "out = open('rank' + os.environ['OMPI_COMM_WORLD_RANK'], 'w')\n"
         "result = netfall.run(cross())\n"
         "print(result.file['provenance'].attrs['ranks'], result.tension(element=13)[0].round(), file=out)\n"
@@ -170,8 +166,7 @@ def test_under_mpirun_every_rank_gets_the_result(here):
         "try: netfall.run(cross(cable={}))\n"
         "except netfall.InputError as error: print(error.lines[0], file=out)\n"
     )
-    command = [*on_ranks(2), sys.executable, "script.py", str(ROOT / "tests")]
-    done = run_process(*command, cwd=here, code=None)
+    done = run_on_two_ranks(here, text)
     for rank in (0, 1):
         ran, refused, wrong = (here / f"rank{rank}").read_text().splitlines()
         assert ran == "2 100000.0" and refused.endswith("Remove ranks. [E062]"), done.stderr
@@ -191,9 +186,8 @@ def test_a_signal_to_one_rank_of_mpirun_stops_all(here, signal, moment, error):
     """The other ranks would wait for it forever. The handlers of the script are restored. A signal that no
     part of a run sees is not lost.
     """
-    (here / "script.py").write_text(
-        "import os, signal, sys; sys.path[:0] = sys.argv[3:]\n"
-        "import netfall, netfall.core.timings as timings; from test_python import cross\n"
+    text = (
+        "import signal, netfall.core.timings as timings\n"
         "class Flag(timings.StopFlag):\n"
         "    def __init__(self):\n"
         "        super().__init__()\n"
@@ -202,8 +196,8 @@ def test_a_signal_to_one_rank_of_mpirun_stops_all(here, signal, moment, error):
         "        self.strike('end')\n"
         "        super().release()\n"
         "    def strike(self, moment):\n"
-        "        if os.environ['OMPI_COMM_WORLD_RANK'] == '1' and moment == sys.argv[2]:\n"
-        "            os.kill(os.getpid(), getattr(signal, sys.argv[1]))\n"
+        "        if os.environ['OMPI_COMM_WORLD_RANK'] == '1' and moment == sys.argv[3]:\n"
+        "            os.kill(os.getpid(), getattr(signal, sys.argv[2]))\n"
         "timings.StopFlag = Flag\n"
         "handler = signal.getsignal(signal.SIGINT)\n"
         "try: netfall.run(cross(dynamics={'duration': 0.1}), output='r.vtkhdf')\n"
@@ -212,8 +206,7 @@ def test_a_signal_to_one_rank_of_mpirun_stops_all(here, signal, moment, error):
         "    with open('rank' + os.environ['OMPI_COMM_WORLD_RANK'], 'w') as file:\n"
         "        print(type(error).__name__, error, file=file)\n"
     )
-    command = [*on_ranks(2), sys.executable, "script.py", signal, moment, str(ROOT / "tests")]
-    run_process(*command, cwd=here, code=None)
+    run_on_two_ranks(here, text, signal, moment)
     for rank in (0, 1):
         assert (here / f"rank{rank}").read_text().startswith(error)
 
@@ -229,9 +222,8 @@ def test_an_error_on_one_rank_of_mpirun_ends_all(here, error, message):
     """The other ranks would wait forever, also if the script handles the error. A checkpoint in the temporary
     folder is not named.
     """
-    (here / "script.py").write_text(
-        "import sys; sys.path[:0] = sys.argv[1:]\n"
-        "import netfall, netfall.driver.run as run; from test_python import cross\n"
+    text = (
+        "import netfall.driver.run as run\n"
         "from netfall.core.errors import OutputError\n"
         "def run_stages(problem, context):\n"
         f"    if problem.comm.rank == 1: raise {error}\n"
@@ -240,34 +232,27 @@ def test_an_error_on_one_rank_of_mpirun_ends_all(here, error, message):
         "try: netfall.run(cross())\n"
         "except (MemoryError, OutputError): pass\n"
     )
-    command = [*on_ranks(2), sys.executable, "script.py", str(ROOT / "tests")]
-    done = run_process(*command, cwd=here, code=1, timeout=60)
-    assert message in done.stderr
+    assert message in run_on_two_ranks(here, text, code=1, timeout=60).stderr
 
 
-@pytest.mark.parametrize(
-    "error, text",
-    [
-        (
-            interruption_error("at t = 1 s", Path("{}")),
-            "note: interrupted. Give output to keep a checkpoint [N069]",
-        ),
-        (
-            netfall.DivergedError("t = 2 s: speeds without bound [E642]", Path("{}")),
-            "t = 2 s: speeds without bound. [E642]",
-        ),
-    ],
-)
+SPEEDS = "t = 2 s: speeds without bound"
+STOPS = [
+    (
+        interruption_error("at t = 1 s", Path("{}")),
+        "note: interrupted. Give output to keep a checkpoint [N069]",
+    ),
+    (netfall.DivergedError(f"{SPEEDS} [E642]", Path("{}")), f"{SPEEDS}. [E642]"),
+]
+
+
+@pytest.mark.parametrize("error, text", STOPS)
 def test_no_message_names_a_removed_checkpoint(here, monkeypatch, error, text):
     """Without output, messages do not name checkpoints, because their folder is removed with the run."""
 
     def command(launcher, ranks, job, output, *settings, module):
         message = str(error).format(*[output.with_suffix(".checkpoint-5-000000009200.h5")] * 2)
-        return [
-            sys.executable,
-            "-c",
-            f"import sys; print({message!r}, file=sys.stderr); sys.exit({error.exit_code})",
-        ]
+        code = f"import sys; print({message!r}, file=sys.stderr); sys.exit({error.exit_code})"
+        return [sys.executable, "-c", code]
 
     monkeypatch.setattr(api_run, "run_command", command)
     with pytest.raises(type(error)) as raised:
@@ -303,37 +288,45 @@ def test_an_empty_list_of_ids_has_no_tensions_and_a_closed_result_is_named(here,
         brief.statics  # noqa: B018
 
 
-def test_nodes_without_elements_are_refused():
+ARRAYS = {"nodes": np.zeros((3, 3)), "elements": [[0, 1], [1, 2]]}
+
+
+def masked(values):
+    """Return an array whose first row is masked."""
+    array = np.ma.masked_array(values, mask=False)
+    array[0] = np.ma.masked
+    return array
+
+
+ROWS = "expected an array, whose rows have the"
+WRONG = [  # arrays of a net and the error
+    ({"nodes": [[0, 0, 0], [1, 0]], "elements": [[0, 1]]}, f"Net: nodes: {ROWS}"),
+    ({"nodes": np.eye(3), "elements": [[0, 1], [2]]}, f"Net: elements: {ROWS}"),
+    ({"node_columns": {"load_z": np.array([0, np.nan, 0])}}, "'load_z': nan in row 1: expected a number"),
+    ({"node_columns": {"load_z": [0.0, np.nan, None]}}, "'load_z': nan in row 1: expected a number"),
+    ({"groups": ["a", "a\nb"]}, r"groups 'group': 'a\\nb' in row 1: expected one line"),
+    ({"nodes": masked(np.zeros((3, 3)))}, "Net: nodes has the shape .* of object"),
+    ({"elements": masked([[0, 1], [1, 2]])}, "Net: elements has the shape .* of object"),
+    ({"fixed": masked(np.zeros(3, int))}, "Net: fixed has the shape .* of object"),
+    ({"groups": "a", "element_columns": {"group": "b"}}, "element_columns 'group': would replace groups"),
+]
+
+
+@pytest.mark.parametrize("arrays, message", WRONG)
+def test_wrong_arrays_of_a_net_are_refused(arrays, message):
+    """Rows of several lengths, nan, which a table refuses too, a line break, masked values of arrays."""
+    net = netfall.Net(**ARRAYS | arrays)
+    with pytest.raises(netfall.InputError, match=message):
+        net.node_table(), net.element_table()
+
+
+def test_empty_and_masked_cells_of_a_net_are_empty():
+    """None is an empty cell, as the default; the value behind the mask of a numpy array is not used."""
+    for loads in ([0.0, None, 1.0], np.ma.masked_array([0.0, 9e9, 1.0], mask=[False, True, False])):
+        table = netfall.Net(**ARRAYS, node_columns={"load_z": loads}).node_table()
+        assert table["load_z"].tolist() == [0.0, None, 1.0]
     with pytest.raises(netfall.InputError, match=r"nodes without elements\. Give both"):
         netfall.run({"net": {"nodes": np.zeros((2, 3))}})
-
-
-def test_columns_of_a_net_accept_values_of_a_cell():
-    """Not nan, which a table refuses too, nor a line break. None is an empty cell, as the default."""
-    arrays = {"nodes": np.zeros((3, 3)), "elements": [[0, 1], [1, 2]]}
-    for values in (np.array([0, np.nan, 0]), [0.0, np.nan, None]):
-        with pytest.raises(
-            netfall.InputError, match=r"'load_z': nan in row 1: expected a number, or None for"
-        ):
-            netfall.Net(**arrays, node_columns={"load_z": values}).node_table()
-    with pytest.raises(netfall.InputError, match=r"groups 'group': 'a\\nb' in row 1: expected one line"):
-        netfall.Net(**arrays, groups=["a", "a\nb"]).element_table()
-    table = netfall.Net(**arrays, node_columns={"load_z": [0.0, None, 1.0]}).node_table()
-    assert table["load_z"].tolist() == [0.0, None, 1.0]
-
-
-def test_masked_cells_of_a_net_are_empty():
-    """The values behind the mask of a numpy array, as netCDF libraries give it, are not used."""
-    arrays = {"nodes": np.zeros((3, 3)), "elements": [[0, 1], [1, 2]]}
-    loads = np.ma.masked_array([0.0, 9e9, 1.0], mask=[False, True, False])
-    table = netfall.Net(**arrays, node_columns={"load_z": loads}).node_table()
-    assert table["load_z"].tolist() == [0.0, None, 1.0]
-    for name in ("nodes", "elements", "fixed"):
-        masked = np.ma.masked_array(arrays.get(name, np.zeros(3, int)), mask=False)
-        masked[0] = np.ma.masked
-        net = netfall.Net(**arrays | {name: masked})
-        with pytest.raises(netfall.InputError, match=f"Net: {name} has the shape .* of object"):
-            net.element_table() if name == "elements" else net.node_table()
 
 
 def test_columns_do_not_replace_the_arrays_of_a_net():
@@ -345,8 +338,6 @@ def test_columns_do_not_replace_the_arrays_of_a_net():
         "Net: node_columns ' X': would replace nodes. Give it as nodes. [E065]",
         "Net: node_columns 'fixed_z': would replace fixed. Give it as fixed. [E065]",
     ]
-    with pytest.raises(netfall.InputError, match="element_columns 'group': would replace groups"):
-        netfall.Net(**arrays, element_columns={"group": "b"}).element_table()
     plain = netfall.Net(nodes=np.zeros((2, 3)), elements=[[0, 1]], element_columns={"group": "b"})
     assert plain.element_table()["group"].tolist() == ["b"]
 
