@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 from conftest import BARE, ROOT, STEEL, Workshop, refused, run_on_standing_ranks, standing_runs_of_python
-from results import rows_of
+from results import Report, rows_of
 from scipy.optimize import brentq
 
 import netfall
@@ -35,7 +35,8 @@ BUCKLES = "breaking_load = 80e3\nsecond_moment = 1e-4\nbuckling = true"
 NODES = "id,x,y,z,fixed,load_z\n1,-3,0,4,1,0\n2,3,0,4,1,0\n3,0,0,-4,1,0\n5,0,0,0,0,-200e3\n"
 ELEMENTS = "id,start,end,group,prestress,breaking_load\n{}"
 ROWS = "11,1,5,upper,50e3,240e3\n12,2,5,upper,50e3,240e3\n13,5,3,lower,80e3,\n"
-STATICS = BARE + "[load]\nself_weight = false\nsteps = 1\ntolerance = 1e-9\n"
+STEP = "[load]\nself_weight = false\nsteps = 1\n"
+STATICS = BARE + STEP + "tolerance = 1e-9\n"
 EA = 1.95e11 * 683.08e-6
 
 
@@ -64,6 +65,24 @@ def report_of(folder, result="result.vtkhdf", codes=None, cutting=None, deductio
     """Return the folder of a report without pictures."""
     options = {"codes": codes, "cutting": cutting or Cutting(), "deductions": deductions}
     return Workshop(folder).report(result, **options).folder
+
+
+HUNG = "[cable]\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\n"
+
+
+def hung(workshop, text: str, load: float, mass=0, **options) -> Report:
+    """Return the report of element 7 that hangs from node 1 with a load [N] at its end. text : after HUNG"""
+    nodes = f"id,x,y,z,fixed,mass,load_z\n1,0,0,9,1,0,0\n2,0,0,0,0,{mass},{-load}\n"
+    return solved(workshop, HUNG + text, nodes, "id,start,end\n7,1,2\n", **options)
+
+
+GIVEN_ROWS = ELEMENTS.format(ROWS)
+
+
+def solved(workshop, text: str, nodes: str = NODES, elements: str = GIVEN_ROWS, **options) -> Report:
+    """Return the report of a job, of the three cables by default."""
+    workshop.solve(text, nodes, elements).close()
+    return workshop.report(**options)
 
 
 def test_resistances_are_those_of_the_codes(tmp_path):
@@ -159,23 +178,20 @@ def test_the_report_lists_bars_and_cables_of_a_group_in_separate_rows(workshop):
     text = "[cable]\nmodulus = 2e11\narea = 1e-3\ndensity = 7850\nprestress = 1e3\n"
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,10,1\n3,10,0,0,1\n"
     elements = "start,end,kind\n1,2,bar\n1,3,cable\n"
-    workshop.run(workshop.job(text + "[load]\nself_weight = false\nsteps = 1\n", nodes, elements)).close()
     rows = [f"| (none) |  | {kind} | 1 | 200000 | 7.85 |\n" for kind in ("bar", "cable")]
-    assert "".join(rows) in workshop.report().page
+    assert "".join(rows) in solved(workshop, text + STEP, nodes, elements).page
 
 
 def test_the_table_of_groups_counts_elements_without_strength(workshop):
     """One of the two upper cables breaks at 240 kN, the other one never."""
     rows = ROWS.replace("12,2,5,upper,50e3,240e3", "12,2,5,upper,50e3,")
-    workshop.solve(STATICS, NODES, ELEMENTS.format(rows)).close()
-    page = (report_of(workshop.folder) / "summary.md").read_text()
+    page = solved(workshop, STATICS, elements=ELEMENTS.format(rows)).page
     assert "| upper |  | cable | 2 | 133201 | 5.36218 | 240, 1 without |" in page
 
 
 def test_a_state_without_forces_has_no_slack_cables(workshop):
     """Without prestress and permanent loads no cable counts as slack until loads of nodes.csv act."""
-    workshop.solve(STATICS, NODES, ELEMENTS.format(re.sub(r"[0-9.]+e3,(.*)", r"0,\1", ROWS))).close()
-    page = workshop.report().page
+    page = solved(workshop, STATICS, elements=re.sub(r"[0-9.]+e3,(.*)", r"0,\1", GIVEN_ROWS)).page
     assert "No element has a force in: as given; statics, permanent loads.\n" in page
     assert "| e13 | lower | all stages |" in page and "| e11 | upper |" not in page.partition("## Slack")[2]
 
@@ -209,8 +225,7 @@ def test_a_measuring_load_above_the_strength_is_a_warning(loaded):
 def test_a_logarithmic_cable_is_measured_by_its_own_law(workshop):
     """L0 = L exp(-N / EA), and the same length under the load of the form."""
     section = STATICS.replace("[load]", 'strain_measure = "logarithmic"\n[load]')
-    workshop.solve(section, NODES, ELEMENTS.format(ROWS)).close()
-    rows = rows_of(report_of(workshop.folder, cutting=Cutting(0.0, 50e3)) / "cutting_list.csv")
+    rows = solved(workshop, section, cutting=Cutting(0.0, 50e3)).rows("cutting_list")
     assert column(rows, "unstressed_length")[0] == pytest.approx(5 * np.exp(-50e3 / EA), rel=1e-11)
     assert column(rows, "length_at_measuring_load")[0] == pytest.approx(5.0, rel=1e-11)
 
@@ -265,16 +280,11 @@ def test_the_report_states_loads_of_cases_and_factors_of_combinations(workshop):
     """Factors that are not given are those in effect, 1 for the permanent loads and the prestress."""
     text = CASES.replace("set = {", "settlement = {1 = [0.0, 0.0, -0.03]}\nset = {", 1)
     text += '[combinations]\n"A" = {permanent = 1.35, snow = 1.5}\n"B" = {kind = "SLS", much = 1}\n'
-    nodes = (
-        ROOFED.replace("normal_z\n", "normal_z,load_x\n")
-        .replace(",,\n", ",,,500\n")
-        .replace(",1\n", ",1,500\n")
-    )
-    workshop.solve(text, nodes, ELEMENTS.format(ROWS)).close()
-    page = workshop.report().page
-    assert (
-        "- loads of nodes.csv: resultant 2 kN, 0 kN, 0 kN along x, y, z\n- snow: load.snow = 2000.0, " in page
-    )
+    nodes = ROOFED.replace("normal_z\n", "normal_z,load_x\n")
+    nodes = nodes.replace(",,\n", ",,,500\n").replace(",1\n", ",1,500\n")
+    page = solved(workshop, text, nodes).page
+    resultant = "- loads of nodes.csv: resultant 2 kN, 0 kN, 0 kN along x, y, z\n"
+    assert f"{resultant}- snow: load.snow = 2000.0, " in page
     assert ", settlement.1 = \\[0.0, 0.0, -0.03]\n" in page
     assert "- A: 1.35 permanent + 1 prestress + 1.5 snow\n- B: 1 permanent + 1 prestress + 1 much\n" in page
 
@@ -384,9 +394,8 @@ def test_the_force_at_an_end_includes_half_of_the_line_load(workshop):
 def test_neither_stages_of_erection_nor_the_form_before_them_count_in_service(workshop, form):
     """The structure is never in the state of that form. The first state is a stage, or the form."""
     text = CASES + form + '[combinations]\n"B" = {kind = "SLS", snow = 1.0}\n[[stage]]\nname = "lift"\n'
-    workshop.solve(text, ROOFED, ELEMENTS.format(ROWS)).close()
     in_service = "\nOf kind SLS. The largest tension of each element in: permanent loads; combination B.\n"
-    assert in_service in workshop.report().page
+    assert in_service in solved(workshop, text, ROOFED).page
 
 
 @pytest.mark.parametrize("form", ["", '[form_finding]\nmethod = "given_geometry"\n'])
@@ -419,9 +428,9 @@ def test_a_job_without_stages_has_no_check_of_erection(snowed):
 def test_the_report_states_that_stages_of_erection_have_no_partial_factors(workshop, stage):
     """The remark follows the states of an ultimate check, also of a job with combinations of kind ULS."""
     combinations = '[combinations]\n"A" = {permanent = 1.35, snow = 1.5}\n'
-    workshop.solve(CASES + combinations + stage, ROOFED, ELEMENTS.format(ROWS)).close()
-    assert ("stage lift; permanent loads" in workshop.report().page) == bool(stage)
-    assert ("**Loads in stages of erection count as the job gives" in workshop.report().page) == bool(stage)
+    page = solved(workshop, CASES + combinations + stage, ROOFED).page
+    assert ("stage lift; permanent loads" in page) == bool(stage)
+    assert ("**Loads in stages of erection count as the job gives" in page) == bool(stage)
 
 
 @pytest.mark.parametrize(
@@ -481,10 +490,9 @@ def test_service_has_limits_and_each_kind_has_its_checks(workshop):
     """200 kN times factors. ULS: 300 kN on two cables, 188 of 160 kN. SLS of 150 kN: 97 of 108 kN, but 2.2 of
     2 mm; lifted by 100 kN the lower cable has 129 kN, which no ULS check contains.
     """
-    workshop.solve(LIMITED, ROOFED, ELEMENTS.format(ROWS)).close()
-    folder = report_of(workshop.folder)
+    report = solved(workshop, LIMITED, ROOFED)
     hand = {name: three_cables(200e3 * factor) for name, (factor, _) in KINDS_OF.items()}
-    checks = {(row["check"], row["group"]): row for row in rows_of(folder / "checks.csv")}
+    checks = {(row["check"], row["group"]): row for row in report.rows("checks")}
     for check, group, case, N, result in (
         ("en1993", "upper", "combination most", hand["most"][1], "FAILS"),
         ("en1993", "lower", "as given", 80e3, ""),
@@ -495,13 +503,13 @@ def test_service_has_limits_and_each_kind_has_its_checks(workshop):
         assert (row["case"], row["result"]) == (case, result)
         assert float(row["N_Ed"]) == pytest.approx(N, rel=1e-8)
     assert hand["heavy"][1] < 0.45 * 240e3 < hand["more"][1] < 160e3 < hand["most"][1]
-    page = (folder / "summary.md").read_text().split("## Limits in service")[1].split("\n## ")[0]
+    page = report.page.split("## Limits in service")[1].split("\n## ")[0]
     matches = re.findall(
         r"^\| (\w+) \| displacement from permanent \| (.+) mm \| node 5 \| 2 mm \| \W*(\w+)", page, re.M
     )
     results = {"heavy": "FAILS", "light": "passes", "lift": "passes"}
     assert matches == [(name, f"{1e3 * abs(hand[name][0]):.4g}", result) for name, result in results.items()]
-    reactions = rows_of(folder / "reactions.csv")
+    reactions = report.rows("reactions")
     for name, (factor, _) in KINDS_OF.items():
         own_rows = [row for row in reactions if row["stage"] == f"combination {name}"]
         sums = [sum(column(own_rows, f"foundation_{axis}")) for axis in "xyz"]
@@ -522,8 +530,7 @@ def test_each_check_names_the_worst_of_each_group_and_equal_ones(snowed):
 
 def test_the_parts_of_a_subdivided_cable_count_as_one(workshop):
     """The heavier case governs the two equal upper cables, the start the lower one."""
-    workshop.solve("subdivide = 3\n" + CASES, ROOFED, ELEMENTS.format(ROWS)).close()
-    report = workshop.report()
+    report = solved(workshop, "subdivide = 3\n" + CASES, ROOFED)
     assert [row["alike"] for row in report.rows("checks")] == ["2", "1"] * 3
     (table,) = (part for part in report.page.split("\n\n") if "governs elements" in part)
     assert [row.split("|")[3].strip() for row in table.splitlines()[2:]] == ["1", "0", "0", "2"]
@@ -544,10 +551,10 @@ def test_the_shop_list_is_that_by_hand(loaded, tmp_path):
     assert upper["measuring_load"] == "0"
     assert lower["cut_length"] == lower["length_node_to_node"] and lower["clamps"] == ""
     table.write_text("group,socket\nuper,50\nupper,2600\n")
-    done = run_on_standing_ranks("report", "result.vtkhdf", "--deductions", str(table), cwd=loaded, code=2)
+    done = run_on_standing_ranks("report", "result.vtkhdf", "--deductions", table, cwd=loaded, code=2)
     assert "line 2: group = 'uper': no such group" in done.stderr
     table.write_text("group,socket\nupper,2600\n")
-    done = run_on_standing_ranks("report", "result.vtkhdf", "--deductions", str(table), cwd=loaded, code=2)
+    done = run_on_standing_ranks("report", "result.vtkhdf", "--deductions", table, cwd=loaded, code=2)
     assert "cable e11 (upper) of 5000 mm: 2600 and 2600 mm at its ends" in done.stderr
 
 
@@ -555,8 +562,7 @@ def test_bars_are_made_to_their_length_without_load(workshop):
     """A strut of 10 m under 500 kN of compression, EA = 200 MN, is made 10 m / (1 - 500e3 / 200e6) long."""
     text = '[cable]\nkind = "bar"\nmodulus = 2e11\narea = 1e-3\ndensity = 7850\nprestress = -500e3\n'
     nodes, elements = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,10,1\n", "start,end\n1,2\n"
-    workshop.run(workshop.job(text + "[load]\nself_weight = false\nsteps = 1\n", nodes, elements)).close()
-    (piece,) = workshop.report().rows("shop_list")
+    (piece,) = solved(workshop, text + STEP, nodes, elements).rows("shop_list")
     assert (piece["cut_length"], piece["measuring_load"]) == ("10025.1", "0")
 
 
@@ -567,9 +573,8 @@ def test_cables_of_one_length_are_equal_only_with_equal_force_and_section(worksh
         f"{k},{2 * k},{2 * k + 1},{area},{N}\n"
         for k, (area, N) in enumerate([(4e-4, 200e3), (4e-4, 40e3), (4e-4, 40e3), (2e-4, 40e3)])
     )
-    text = "[cable]\nmodulus = 160e9\ndensity = 8000\n[load]\nself_weight = false\nsteps = 1\n"
-    workshop.run(workshop.job(text, nodes, elements)).close()
-    rows = rows_of(report_of(workshop.folder) / "shop_list.csv")
+    text = "[cable]\nmodulus = 160e9\ndensity = 8000\n" + STEP
+    rows = solved(workshop, text, nodes, elements).rows("shop_list")
     assert [row["cables"] for row in rows] == ["e0", "e1; e2", "e3"]
     assert {row["cut_length"] for row in rows} == {"20000"}
     masses = [20 / (1 + N / EA) * EA * 8000 / 160e9 for N, EA in ((2e5, 64e6), (4e4, 64e6), (4e4, 32e6))]
@@ -586,8 +591,7 @@ def test_the_shop_list_has_clamps_and_types_of_the_table(workshop, tmp_path):
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,2,0,0,0\n3,5,0,0,1\n"
     elements = "id,start,end,group,prestress,type\n7,1,2,main,50e3,A\n8,2,3,main,50e3,B\n"
     text = "subdivide = 3\n" + STATICS.replace("[cable]", '[cable]\ncatalogue = "types.csv"')
-    workshop.run(workshop.job(text, nodes, elements)).close()
-    (row,) = rows_of(report_of(workshop.folder, deductions=table) / "shop_list.csv")
+    (row,) = solved(workshop, text, nodes, elements, deductions=table).rows("shop_list")
     words = [row[name] for name in ("type", "length_pin_to_pin", "cut_length", "clamps")]
     assert words == ["A + B", "3900", "3500", "1000.0"]
     assert float(row["mass"]) == pytest.approx((1.0 * 5 + 2.5 * 3) / (1 + 50e3 / EA), abs=0.005)
@@ -629,11 +633,10 @@ def test_the_shop_list_has_no_concrete(workshop):
     )
     rows = "".join(f"{k},{name}\n" for k, name in enumerate(["5,1,ring", "5,2,post", "5,3,mast"]))
     elements = "id,start,end,group\n" + rows
-    workshop.run(workshop.job(STATICS.replace("[load]", groups + "[load]"), NODES, elements)).close()
-    folder = report_of(workshop.folder)
-    assert {row["group"] for row in rows_of(folder / "shop_list.csv")} == {"post", "mast"}
-    assert len(rows_of(folder / "cutting_list.csv")) == 3
-    assert "Without members of concrete: ring." in (folder / "summary.md").read_text()
+    report = solved(workshop, STATICS.replace("[load]", groups + "[load]"), elements=elements)
+    assert {row["group"] for row in report.rows("shop_list")} == {"post", "mast"}
+    assert len(report.rows("cutting_list")) == 3
+    assert "Without members of concrete: ring." in report.page
 
 
 def test_elements_at_a_limit_are_in_one_table():
@@ -681,9 +684,8 @@ BREAKS = "[dynamics]\nduration = 0.05\n[output]\nframes = 5\n"
 def test_a_support_whose_cable_tore_off_carries_nothing(workshop):
     """The upper cables break at their supports under 200 kN. Then only the lower one acts."""
     section = STATICS.partition("[load]")[0]
-    nodes = (
-        NODES.replace("load_z\n", "load_z,mass\n").replace("1,0\n", "1,0,0\n").replace("200e3", "200e3,100")
-    )
+    nodes = NODES.replace("load_z\n", "load_z,mass\n").replace("1,0\n", "1,0,0\n")
+    nodes = nodes.replace("200e3", "200e3,100")
     with workshop.solve(section + BREAKS, nodes, ELEMENTS.format(ROWS.replace("240e3", "100e3"))) as f:
         ends = f["events/new_particle"][:] - 4 - 2 * f["events/element"][:]
         torn = sorted(set(zip(f["events/element"][:].tolist(), ends.tolist())))
@@ -795,15 +797,13 @@ def test_no_check_passes_with_an_unstable_equilibrium(workshop):
     erected = text.replace("steps = 1", "steps = 0") + '[[stage]]\nname = "last"\n'
     loads = ("-50e3", "not stable"), ("-1e3", "passes")
     for (load, result), (job, what) in product(loads, ((text, "statics"), (erected, "stage last"))):
-        workshop.solve(job, nodes.format(load), ELEMENTS.format(rows)).close()
-        folder = report_of(workshop.folder)
-        results = {row["result"] for row in rows_of(folder / "checks.csv") if row["utilisation"]}
-        for table in (rows_of(folder / "elements.csv"), rows_of(folder / "cables.csv")):
+        report = solved(workshop, job, nodes.format(load), ELEMENTS.format(rows))
+        page, results = report.page, {row["result"] for row in report.rows("checks") if row["utilisation"]}
+        for table in map(report.rows, ("elements", "cables")):
             checks = [name.removeprefix("result_") for name in table[0] if name.startswith("result_")]
             results |= {
                 row[f"result_{each}"] for each in checks for row in table if row[f"utilisation_{each}"]
             }
-        page = (folder / "summary.md").read_text()
         assert results == {result} and (f"**FAILS: {what} is not stable.**" in page) == (load == "-50e3")
         assert ("unstable equilibrium: compressed bars buckle" in page) == (load == "-50e3")
         assert ("cables that fail: 0, not stable: 1, without value: 1" in page) == (load == "-50e3")
@@ -813,11 +813,8 @@ def test_notes_of_a_run_are_in_its_result_and_report(workshop):
     """80 kN from above and 60 kN from below: 20 kN are unbalanced as given; none with 80 kN."""
     off = "net as given: not in equilibrium with its prestress: largest residual 20 kN, largest "
     for lower, is_noted in (("60e3", True), ("80e3", False)):
-        rows = ELEMENTS.format(ROWS.replace("80e3", lower))
-        workshop.solve(STATICS, NODES, rows).close()
-        output = run_on_standing_ranks("info", workshop.folder / "result.vtkhdf").stdout
-        page = (report_of(workshop.folder) / "summary.md").read_text()
-        assert (f"warning: {off}" in output, f"- **warning: {off}" in page) == (is_noted, is_noted)
+        page = solved(workshop, STATICS, elements=GIVEN_ROWS.replace("80e3", lower)).page
+        assert (f"warning: {off}" in workshop.info(), f"- **warning: {off}" in page) == (is_noted, is_noted)
 
 
 def test_the_picture_names_checks_that_it_does_not_show(workshop, monkeypatch):
@@ -829,12 +826,9 @@ def test_the_picture_names_checks_that_it_does_not_show(workshop, monkeypatch):
     shown = []
     draw_noted = lambda *given: (shown.append(given[1].tolist()), titles.append(given[3:5])) and draw(*given)
     monkeypatch.setattr(utilisation, "_draw", draw_noted)
-    nodes = "id,x,y,z,fixed,load_z\n1,0,0,9,1,0\n2,0,0,0,0,-50e3\n"
-    cable = "[cable]\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\nbreaking_load = 100e3\n"
     for loads in ("steps = 1\n", 'steps = 0\n[combinations]\nservice = {kind = "SLS", load = 1.0}\n'):
-        job = f"{cable}[load]\nself_weight = false\n{loads}"
-        workshop.solve(job, nodes, "id,start,end\n7,1,2\n").close()
-        write_report(workshop.folder / "result.vtkhdf", workshop.folder / "report")
+        text = f"breaking_load = 100e3\n[load]\nself_weight = false\n{loads}"
+        hung(workshop, text, 50e3, pictures=True)
     assert "en1993 (besides, 1 fail en1993_service, 1 fail asce19);" in titles[0][1]
     assert shown[0] == pytest.approx([50.0 / 45.0])  # in the colour of what fails
     assert [title for title, _ in titles] == [
@@ -853,11 +847,7 @@ def test_the_picture_names_checks_that_it_does_not_show(workshop, monkeypatch):
 )
 def test_a_check_against_the_yield_force_alone_is_a_warning(workshop, strength, warns):
     """90 kN of 100 kN: 0.9 of the yield force, but 1.13 of 120 kN over 1.5."""
-    nodes = "id,x,y,z,fixed,load_z\n1,0,0,9,1,0\n2,0,0,0,0,-90e3\n"
-    cable = "[cable]\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\n"
-    job = f"{cable}{strength}\n[load]\nself_weight = false\nsteps = 1\n"
-    workshop.solve(job, nodes, "id,start,end\n7,1,2\n").close()
-    report = workshop.report()
+    report = hung(workshop, f"{strength}\n{STEP}", 90e3)
     (row,) = [row for row in report.rows("checks") if row["check"] == "en1993"]
     has_strength = "breaking_load" in strength
     assert float(row["utilisation"]) == pytest.approx(1.125 if has_strength else 0.9, rel=1e-6)
@@ -868,35 +858,28 @@ def test_a_cable_without_a_strength_among_others_is_a_warning(workshop):
     """The tables of checks omit it."""
     nodes = "id,x,y,z,fixed\n1,0,0,9,1\n2,0,0,0,1\n3,5,0,0,1\n"
     rows = "id,start,end,breaking_load\n7,1,2,100e3\n8,1,3,\n"
-    cable = "[cable]\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\nprestress = 1e3\n"
-    workshop.solve(f"{cable}[load]\nself_weight = false\nsteps = 1\n", nodes, rows).close()
-    assert "warning: checks: element 8: cables without breaking_load" in workshop.report().page
+    page = solved(workshop, f"{HUNG}prestress = 1e3\n{STEP}", nodes, rows).page
+    assert "warning: checks: element 8: cables without breaking_load" in page
 
 
 def test_yielding_elements_fail_for_any_utilisation(workshop):
     """A yielding cable carries its yield force, here its resistance: 1.000 FAILS. Released, 6 t at its end
     pull with twice their weight; below the yield force it passes.
     """
-    nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,9,1,0,0\n2,0,0,0,0,6000,{load}\n"
-    cable = "[cable]\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\nprestress = 0.0\n"
-    cable += "yield_stress = 1e9\nfracture_strain = 0.5\n"
-    at_rest = "[load]\nself_weight = false\nsteps = 1\n"
+    cable = "prestress = 0.0\nyield_stress = 1e9\nfracture_strain = 0.5\n"
     falls = "[load]\nself_weight = false\nsteps = 0\n[dynamics]\nduration = 0.3\n"
     results = {}
     seldom = falls + "[output]\nhistory_interval = 0.3\n"  # a row at the start, another after the peak
     stages = (
-        ("rest", cable + at_rest, 99e3),
+        ("rest", cable + STEP, 99e3),
         ("falls", cable + falls, 60e3),
         ("seldom", cable + seldom, 60e3),
         ("unbroken", cable.replace("fracture_strain = 0.5\n", "") + seldom, 60e3),
         ("swings", cable + falls, 45e3),
     )
     for what, stage, load in stages:
-        workshop.solve(stage, nodes.format(load=-load), "id,start,end\n7,1,2\n").close()
-        workshop.report(folder=what)
-        row, of_group = (
-            rows_of(workshop.folder / what / f"{name}.csv")[0] for name in ("elements", "checks")
-        )
+        report = hung(workshop, stage, load, 6000, folder=what)
+        row, of_group = (report.rows(name)[0] for name in ("elements", "checks"))
         assert of_group["result"] == row["result_en1993"]
         assert of_group["utilisation"] == row["utilisation_en1993"]
         results[what] = float(row["utilisation_en1993"]), row["result_en1993"]
@@ -923,27 +906,26 @@ def test_yielding_elements_fail_for_any_utilisation(workshop):
 def test_elements_above_their_strength_in_statics_fail(workshop, strength, load, results):
     """A bar on a weak spring, at its yield force of 100 kN, its strength of 80 kN, a strain of 0.0043."""
     nodes = f"id,x,y,z,fixed_x,fixed_y,fixed_z,spring_z,load_z\n1,0,0,0,1,1,1,0,0\n2,0,0,4,1,1,0,1e5,{load}\n"
-    bar = '[cable]\nkind = "bar"\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\n'
-    text = f"{bar}{strength}\n[load]\nself_weight = false\nsteps = 1\n"
-    workshop.solve(text, nodes, "id,start,end\n7,1,2\n").close()
-    report = workshop.report()
-    (row,) = rows_of(report.folder / "elements.csv")
+    report = solved(workshop, f'{HUNG}kind = "bar"\n{strength}\n{STEP}', nodes, "id,start,end\n7,1,2\n")
+    (row,) = report.rows("elements")
     assert {check: row[f"result_{check}"] for check in results} == results
     assert "**FAILS** |" in report.page or "FAILS" not in results.values()
     assert not re.search(r"\| -\d\.\d+ \(element", report.page)  # a compressed bar is not used in tension
 
 
+SAG = "id,x,y,z,fixed,area\n1,-10,0,0,1,0\n2,10,0,0,1,0\n3,0,0,-1,0,10\n", "id,start,end\n1,1,3\n2,3,2\n"
+
+
 def test_elements_that_yield_under_permanent_loads_fail(workshop):
     """Two cables of 100 kN that sag 1.51 m at their yield force carry 29.8 kN; suction relieves them."""
-    nodes = "id,x,y,z,fixed,area\n1,-10,0,0,1,0\n2,10,0,0,1,0\n3,0,0,-1,0,10\n"
-    text = "[cable]\nmodulus = 1.6e11\narea = 1e-4\ndensity = 7850.0\nyield_stress = 1e9\n[roof]\n"
-    text += "[load]\nself_weight = false\ndead = {}\n[[case]]\nname = 'suction'\n"
+    text = HUNG.replace("1e11", "1.6e11") + "yield_stress = 1e9\n[roof]\n[load]\nself_weight = false\n"
+    text += "dead = {}\n[[case]]\nname = 'suction'\n"
     text += "set = {{'load.pressure' = [0.0, 0.0, 600.0]}}\n"
     for dead, result in ((3.2e3, "FAILS"), (2.2e3, "passes")):
-        done = workshop.solve(text.format(dead), nodes, "id,start,end\n1,1,3\n2,3,2\n", code=None)
+        done = workshop.solve(text.format(dead), *SAG, code=None)
         is_named = "warning: permanent loads: 2 elements (1, 2): at the yield force." in done.stdout
         report = workshop.report()
-        (row,) = (row for row in rows_of(report.folder / "checks.csv") if row["check"] == "en1993")
+        (row,) = (row for row in report.rows("checks") if row["check"] == "en1993")
         assert (row["result"], float(row["utilisation"]) < 1.0) == (result, result == "passes")
         is_listed = "| permanent loads | at the yield force | 2 elements (1, 2) |" in report.page
         assert is_named == is_listed == (result == "FAILS")
@@ -963,11 +945,10 @@ SUCTION = '[combinations]\nU = {suction = 1.0}\nS = {kind = "SLS", suction = 1.0
 @pytest.mark.parametrize("combinations", ["", SUCTION])
 def test_the_permanent_loads_are_a_state_of_the_checks(workshop, combinations):
     """A cable sags from 1 m under 22 kN of cladding and half its weight; suction of 15 kN relieves it."""
-    nodes = "id,x,y,z,fixed,area\n1,-10,0,0,1,0\n2,10,0,0,1,0\n3,0,0,-1,0,10\n"
-    text = "[cable]\nmodulus = 1.6e11\narea = 1e-4\ndensity = 7850.0\nbreaking_load = 160e3\n[roof]\n"
-    text += "[load]\nself_weight = true\ndead = 2200.0\ntolerance = 1e-10\n[[case]]\nname = 'suction'\n"
+    text = HUNG.replace("1e11", "1.6e11") + "breaking_load = 160e3\n[roof]\n[load]\nself_weight = true\n"
+    text += "dead = 2200.0\ntolerance = 1e-10\n[[case]]\nname = 'suction'\n"
     text += "set = {'load.pressure' = [0.0, 0.0, 1500.0]}\n" + combinations
-    job, L0 = workshop.job(text, nodes, "id,start,end\n1,1,3\n2,3,2\n"), np.sqrt(101.0)
+    job, L0 = workshop.job(text, *SAG), np.sqrt(101.0)
     own = 9.81 * 7850.0 * 1e-4 * L0  # weight of one element, half of it on node 3, as of the other
     force = lambda sag: 1.6e7 * (np.hypot(10.0, sag) / L0 - 1.0)
     excess = lambda sag: 2.0 * force(sag) * sag / np.hypot(10.0, sag) - 22e3 - own
@@ -982,16 +963,15 @@ def test_the_permanent_loads_are_a_state_of_the_checks(workshop, combinations):
     report = workshop.report()
     assert ("**No combination is of kind ULS: loads " in report.page) == (not combinations)
     assert "**Not passed: en1993_service FAILS (no group); asce19 FAILS (no group).**\n" in report.page
-    checks = {row["check"]: row for row in rows_of(report.folder / "checks.csv")}
+    checks = {row["check"]: row for row in report.rows("checks")}
     for name, share, outcome in (("en1993", 1.5, "passes"), ("en1993_service", 1.0 / 0.45, "FAILS")):
         row = checks[name]
         assert (row["case"], row["result"]) == ("permanent loads", outcome)
         at_end = N + 0.5 * own * sag / np.hypot(10.0, sag)
         assert float(row["utilisation"]) == pytest.approx(share * at_end / 160e3, rel=1e-7)
-    feet = [row for row in rows_of(report.folder / "reactions.csv") if row["stage"] == "permanent loads"]
+    feet = [row for row in report.rows("reactions") if row["stage"] == "permanent loads"]
     assert column(feet, "foundation_z") == pytest.approx([-11e3 - own, -11e3 - own], rel=1e-8)
-    forces = rows_of(report.folder / "forces.csv")
-    assert column(forces, "permanent loads") == pytest.approx([N, N], rel=1e-7)
+    assert column(report.rows("forces"), "permanent loads") == pytest.approx([N, N], rel=1e-7)
     with workshop.open() as f:
         equilibria = info_of_result(f)["equilibria"]
     assert list(equilibria)[:2] == ["permanent", "cases/suction"]
@@ -1004,13 +984,10 @@ def test_a_check_without_a_state_of_its_kind_does_not_pass(workshop):
     """With combinations of one kind the other checks use the given net and the permanent loads."""
     text = STATICS.replace("steps = 1\n", "") + '[combinations]\nonly = {{kind = "{}", load = 0.5}}\n'
     for kind in ("ULS", "SLS"):
-        workshop.solve(text.format(kind), NODES, ELEMENTS.format(ROWS)).close()
-        report = workshop.report()
-        rows = [row for row in rows_of(report.folder / "checks.csv") if row["utilisation"]]
-        assert {(row["kind"] == kind, row["result"]) for row in rows} == {
-            (True, "passes"),
-            (False, "not checked"),
-        }
+        report = solved(workshop, text.format(kind))
+        rows = [row for row in report.rows("checks") if row["utilisation"]]
+        results = {(row["kind"] == kind, row["result"]) for row in rows}
+        assert results == {(True, "passes"), (False, "not checked")}
         fact = "**NOT CHECKED: there is neither a case nor a combination of this kind, so only as given and "
         assert fact + "permanent loads count.**" in report.page and "No combination is" not in report.page
 
