@@ -7,6 +7,7 @@ import ezdxf
 import numpy as np
 import pytest
 from conftest import ROOT, run_on_standing_ranks
+from nets import table
 from results import contents
 from results import rows_of as rows
 from test_python import cross
@@ -701,23 +702,15 @@ def on_springs(tmp_path_factory):
     (folder / "wheel.toml").write_text((ROOT / "jobs" / "wheel.toml").read_text().split("[wind]")[0])
     run(folder / "wheel.toml", folder / "w.vtkhdf")
     written(folder / "w.vtkhdf", folder / "tables.csv")
-    table = (folder / "tables.csv" / "nodes.csv").read_text().splitlines()
-    names = table[0].split(",")
-    more = [f"{of}_{k}" for of in ("spring", "spring_rest") for k in "xyz"]
-    rows = [",".join([*names, *more])]
-    for number, line in enumerate(table[1:]):
-        row = dict(zip(names, line.split(",")))
-        held = [k for k in "xyz" if row[f"fixed_{k}"] == "1"]
-        row |= dict.fromkeys(more, "0") | {f"fixed_{k}": "0" for k in held}
-        row |= {f"spring_{k}": "3e7" for k in held} | {
-            f"spring_rest_{k}": f"{1e-3 * (number % 3)}" for k in held
-        }
-        rows.append(",".join(row.values()))
-    (folder / "tables.csv" / "nodes.csv").write_text("\n".join(rows) + "\n")
-    job = (folder / "tables.csv" / "job.toml").read_text()
-    job = job.replace("[load]\n", "[load]\ntolerance = 1e-10\n")
-    (folder / "tables.csv" / "springs.toml").write_text(job)
-    run(folder / "tables.csv" / "springs.toml", folder / "s.vtkhdf")
+    nodes = rows(folder / "tables.csv" / "nodes.csv")
+    for number, row in enumerate(nodes):
+        for k in "xyz":
+            held = row[f"fixed_{k}"] == "1"
+            row |= {f"fixed_{k}": "0", f"spring_{k}": "3e7" if held else "0"}
+            row |= {f"spring_rest_{k}": f"{1e-3 * (number % 3)}" if held else "0"}
+    text = table(",".join(nodes[0]), (row.values() for row in nodes))
+    (folder / "tables.csv" / "nodes.csv").write_text(text)
+    run(folder / "tables.csv" / "job.toml", folder / "s.vtkhdf", "--set", "load.tolerance=1e-10")
     return folder
 
 
