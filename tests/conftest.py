@@ -220,6 +220,19 @@ class Workshop:
         """Write a job and run it: as `job` and `run`."""
         return self.run(self.job(text, nodes, elements, name), *arguments, **how)
 
+    def run_exported(self) -> tuple[h5py.File, list[str]]:
+        """Export the result and run the exported job; return its result file, open, and lines of the export."""
+        lines = self.export()
+        return self.run(self.folder / "t.csv" / "job.toml", output="again.vtkhdf"), lines
+
+    def export(self) -> list[str]:
+        """Export the tables of the result to t.csv; return the lines of the export."""
+        from netfall.exchange.export import export
+
+        lines = []
+        export(self.folder / "result.vtkhdf", self.folder / "t.csv", lines.append)
+        return lines
+
     def run_here(self, job: Path, output="result.vtkhdf", **how) -> h5py.File:
         """Run a job in this process without output; return its result file, open."""
         from netfall.core.progress import Progress

@@ -7,7 +7,6 @@ from scipy.optimize import brentq, fsolve
 from test_cases import SADDLE
 from test_validation_statics import catenary
 
-from netfall.exchange.export import export
 from netfall.geometry.net import GRAVITY
 from netfall.job.read import read_job
 
@@ -199,10 +198,9 @@ def test_an_exported_job_uses_its_load_tables(workshop):
     (workshop.folder / "ice.csv").write_text("element,line_z\n3,-40\n4,-60\n3,-5\n")
     (workshop.folder / "drift.csv").write_text("zone,snow\nhalf,400\n")
     f = workshop.solve(SADDLE + LOAD + case("rig") + case("ice") + case("drift"))
-    export(workshop.folder / "result.vtkhdf", workshop.folder / "t.csv", print)
-    with workshop.run(workshop.folder / "t.csv" / "job.toml", output="again.vtkhdf") as again:
-        for name in ("rig", "ice", "drift"):
-            assert np.array_equal(f[f"cases/{name}/tension"][:], again[f"cases/{name}/tension"][:])
+    again, _ = workshop.run_exported()
+    for name in ("rig", "ice", "drift"):
+        assert np.array_equal(f[f"cases/{name}/tension"][:], again[f"cases/{name}/tension"][:])
 
 
 WRONG = [
