@@ -66,10 +66,8 @@ def entry(elements, time, duration=0.0):
 
 def dynamics(duration, steps, history=1e-2, more=""):
     """Return a dynamic stage with a number of steps in a period."""
-    return (
-        f"[dynamics]\nduration = {duration!r}\ntime_step = {PERIOD / steps!r}\n{more}"
-        f"[output]\nframes = 1\nhistory_interval = {history}\n"
-    )
+    text = f"[dynamics]\nduration = {duration!r}\ntime_step = {PERIOD / steps!r}\n{more}"
+    return f"{text}[output]\nframes = 1\nhistory_interval = {history}\n"
 
 
 def test_a_fading_tension_moves_the_weight_as_in_closed_form(both_ways):
@@ -82,10 +80,8 @@ def test_a_fading_tension_moves_the_weight_as_in_closed_form(both_ways):
     text = CABLE + dynamics(8 * PERIOD, steps)
     text += "".join(entry([2 * i], 0.5 * PERIOD, s * PERIOD) for i, s in enumerate(shares))
     result = both_ways.solve(text, nodes, elements)
-    before, after, peak, factor = (
-        result[f"removal/{name}"][:]
-        for name in ("tension_before", "tension_after", "tension_peak", "dynamic_factor")
-    )
+    before, after, peak = (result[f"removal/tension_{of}"][:] for of in ("before", "after", "peak"))
+    factor = result["removal/dynamic_factor"][:]
     middles = np.arange(1, 2 * len(shares), 2)
     assert before[0, middles] == pytest.approx(WEIGHT / 2, rel=1e-9)  # 1e-10 of the load, in equilibrium
     assert after[0, middles] == pytest.approx(WEIGHT, rel=1e-9)
@@ -150,25 +146,13 @@ def test_the_motion_after_a_removal_is_of_second_order_in_the_step(workshop, tim
 
 def breaking(strain: float) -> str:
     """Return the text of a job of a roof that yields, and breaks at a strain."""
-    return (
-        saddle(f"yield_stress = 4.5e8\nfracture_strain = {strain}\n", parts=2)
-        + "[load]\nself_weight = true\n"
-    )
+    limits = f"yield_stress = 4.5e8\nfracture_strain = {strain}\n"
+    return saddle(limits, parts=2) + "[load]\nself_weight = true\n"
 
 
 # removals: some elements, then one, then a whole cable
-LOSSES = """[[remove]]
-elements = [20, 21, 22]
-time = 0.1
-duration = 0.08
-[[remove]]
-elements = [40]
-time = 0.15
-[[remove]]
-cables = ["e4"]
-time = 0.25
-duration = 0.1
-"""
+LOSSES = entry([20, 21, 22], 0.1, 0.08) + entry([40], 0.15)
+LOSSES += entry([], 0.25, 0.1).replace("elements = []", 'cables = ["e4"]')
 GUSTS = """[wind]
 speed = {}
 pressure_coefficient = -0.3
@@ -184,8 +168,6 @@ mass_damping = 0.2
 TORN = breaking(0.005) + GUSTS.format(35.0, "ramp = 0.0") + LOSSES
 TORN += "[output]\nhistory_interval = 0.005\nframes = 88\n"
 TORN += "probes = [[0.0, 0.0], 15, [10.0, 6.0, 2.0]]\nelements = [40, 20, 33]\n"
-
-
 LOOKS = 40  # that each of many runs is given: one rest takes some 20
 
 
@@ -240,10 +222,7 @@ def test_displacements_of_the_equilibrium_after_a_removal_are_given(both_ways):
     assert after[:, 2] == pytest.approx(np.array([[0, 0, -sunk]] * 2), rel=1e-9, abs=1e-12)
     assert np.isfinite(after[0]).all() and np.isnan(after[1, 4]).all() and np.isfinite(after[1, :4]).all()
     _, second = described_removals(result)
-    sentence = (
-        f"largest displacement in that equilibrium {mm(sunk)} (node 2), by removals so far {mm(sunk / 2)}"
-    )
-    assert f"; {sentence} (node 2); " in second
+    assert f"equilibrium {mm(sunk)} (node 2), by removals so far {mm(sunk / 2)} (node 2); " in second
     shutil.copy(both_ways.folder / "result.vtkhdf", copied := both_ways.folder / "copied.vtkhdf")
     with h5py.File(copied, "r+") as f:  # a removal that moves nothing, with rounding errors
         f["initial_state/position"][:] = f["net/particles"][:] + after[1] - 1e-15
@@ -307,10 +286,8 @@ def extremes_contain_all_rows(torn):
         rows = frames[(time >= ends[k]) & (time <= ends[k + 1])]
         high, low = (torn[f"removal/tension_{which}"][k] for which in ("highest", "lowest"))
         known = ~np.isnan(low)
-        assert (
-            np.isnan(high)
-            == np.isin(np.arange(len(low)), torn["removal/element"][:][torn["removal/entry"][:] <= k])
-        ).all()
+        removed = torn["removal/element"][:][torn["removal/entry"][:] <= k]
+        assert (np.isnan(high) == np.isin(np.arange(len(low)), removed)).all()
         single = 1e-7 * largest  # of the frames
         assert (high >= rows.max(0) - single)[known].all() and (low <= rows.min(0) + single)[known].all()
         assert (high > rows.max(0) + single)[known].any()
@@ -322,14 +299,10 @@ ON_FOUR += "1,-4,0,3,1,,\n2,4,0,3,1,,\n3,0,-4,3,1,,\n4,0,4,3,1,,\n"
 
 def test_extremes_exclude_remainders_of_broken_elements(workshop):
     """Two cables break at a removal and become taut again. Their highest tension is that of the fracture."""
-    f = workshop.solve(
-        "[cable]\naxial_stiffness = 2e5\nmass_per_length = 0.5\nbreaking_load = 1700.0\n"
-        "[dynamics]\nduration = 1.0\ntime_step = 1e-3\nmass_damping = 0.5\n"
-        + entry([13], 0.1)
-        + entry([11], 0.5),
-        ON_FOUR,
-        "id,start,end\n11,1,5\n12,2,5\n13,3,5\n14,4,5\n",
-    )
+    text = "[cable]\naxial_stiffness = 2e5\nmass_per_length = 0.5\nbreaking_load = 1700.0\n"
+    text += "[dynamics]\nduration = 1.0\ntime_step = 1e-3\nmass_damping = 0.5\n"
+    text += entry([13], 0.1) + entry([11], 0.5)
+    f = workshop.solve(text, ON_FOUR, "id,start,end\n11,1,5\n12,2,5\n13,3,5\n14,4,5\n")
     assert f["events/element_id"][:].tolist() == [11, 12, 14]
     highest, broke = f["removal/tension_highest"][:], f["events/element"][:]
     assert highest[0, broke] == pytest.approx(2e5 * f["events/strain"][:], rel=1e-9)
@@ -373,10 +346,8 @@ def test_the_envelope_contains_forces_between_rows_at_fractures(workshop, strut)
         nodes, elements = nodes + "6,0,0,-2,1,,\n", elements + "15,6,5,,strut\n"
         job += '[group.strut]\nkind = "bar"\n'
     job += "[dynamics]\nduration = 0.5\ntime_step = 1e-3\nmass_damping = 0.5\n[output]\nhistory_interval = "
-    few, all_steps = (
-        {name: rows[:] for name, rows in workshop.solve(job + at, nodes, elements)["envelope"].items()}
-        for at in ("0.25\n", "1e-3\n")
-    )
+    results = [workshop.solve(job + at, nodes, elements)["envelope"] for at in ("0.25\n", "1e-3\n")]
+    few, all_steps = ({name: rows[:] for name, rows in envelope.items()} for envelope in results)
     whole = np.arange(len(few["tension_max"])) != 2
     for name in ("tension_max", "tension_min") if strut else ("tension_max",):
         assert few[name][whole] == pytest.approx(all_steps[name][whole], rel=1e-9)
@@ -500,10 +471,7 @@ def removals(times, elements, before, after, highest, factor) -> dict:
 
 def test_a_note_says_that_factors_in_gusts_include_the_gusts(torn):
     """The result contains the note: the extremes after a removal are those of removal and gusts."""
-    text = run_on_standing_ranks("info", torn.filename).stdout
-    assert (
-        "note: [[remove]]: gusts act after the removal, so the largest forces and the dynamic factors" in text
-    )
+    assert "note: [[remove]]: gusts act after" in run_on_standing_ranks("info", torn.filename).stdout
 
 
 def test_a_removal_within_the_last_step_has_its_equilibrium(workshop):
@@ -516,52 +484,36 @@ def test_a_removal_within_the_last_step_has_its_equilibrium(workshop):
         assert f["removal/tension_after"][0, 0] == pytest.approx(WEIGHT, rel=0.05)
 
 
-@pytest.mark.parametrize(
-    ("wind", "remedy"),
-    [
-        ("turbulence_intensity = 0.1", "set [wind] turbulence_intensity = 0."),
-        ("surface_drag = 0.005", "set [wind] surface_drag = 0."),
-        ('pressures = "p.csv"\ntaps = "taps.csv"', "replace p.csv by a table that stays at its mean."),
-    ],
-)
-def test_the_note_on_gusts_after_a_removal_names_a_key_of_that_wind(workshop, wind, remedy):
-    nodes, elements = weights(2)
-    text = CABLE + dynamics(PERIOD, 100) + entry([2], 0.1) + "[wind]\nprofile_exponent = 0.0\n"
-    text += wind + "\nspeed = 20.0\npressure_coefficient = 0.1" * ("p.csv" not in wind)
-    notes = [*superposed_excitation_notes(read_job(workshop.job(text, nodes, elements)), varies=True)]
-    assert len(notes) == 1 and f"For the removal alone {remedy}" in notes[0], notes
+STEADY = "speed = 20.0\nturbulence_intensity = 0.0\npressure_coefficient = 0.0\n"
+AT = "speed = 20.0\npressure_coefficient = 0.1\n"
+BY_TAPS, SUDDEN = 'pressures = "p.csv"\ntaps = "taps.csv"\n', STEADY + 'onset = "sudden"\n'
+GROWS = "pressure = 100.0\nramp = 0.5\n"
+SUPERPOSED = [  # of [load], of [wind], time of the removal, what is named and whether as a warning
+    ("", AT + "turbulence_intensity = 0.1\n", 0.1, "alone set [wind] turbulence_intensity = 0.", False),
+    ("", AT + "surface_drag = 0.005\n", 0.1, "For the removal alone set [wind] surface_drag = 0.", False),
+    ("", BY_TAPS, 0.1, "For the removal alone replace p.csv by a table that stays at its mean.", False),
+    (GROWS, STEADY, 0.1, "[load] ramp = 0.5 s", True),  # the equilibrium after it has the whole pressure
+    (GROWS, STEADY, 0.6, "", True),
+    ("steps = 0\n", SUDDEN, 0.1, 'onset = "sudden" all loads act at once', True),  # also the weights
+    ("steps = 1\n", SUDDEN, 0.1, 'onset = "sudden" the wind acts at once', True),
+]
+
+
+@pytest.mark.parametrize("load, wind, time, words, warns", SUPERPOSED)
+def test_excitation_that_joins_a_removal_is_named(workshop, load, wind, time, words, warns):
+    """Gusts, with a key of that wind, and loads that grow or act suddenly."""
+    text = CABLE + load + dynamics(PERIOD, 100) + entry([2], time) + "[wind]\nprofile_exponent = 0.0\n"
+    job = read_job(workshop.job(text + wind, *weights(2)))
+    notes = [*superposed_excitation_notes(job, varies=not warns)]
+    assert len(notes) == bool(words) and all(words in line and is_warning(line) == warns for line in notes)
 
 
 def test_a_warning_says_that_factors_include_moving_supports(workshop):
     """A removal while a support settles: extremes and equilibrium are not those of the removal alone."""
-    nodes, elements = weights(2)
-    text = CABLE + dynamics(PERIOD, 100) + entry([2], 0.1) + '[[motion]]\ndisplacement = "move.csv"\n'
-    job = workshop.job(text, nodes, elements)
     (workshop.folder / "move.csv").write_text("time,z\n0,0\n0.2,-0.01\n")
-    output = run_on_standing_ranks("check", job).stdout
+    text = CABLE + dynamics(PERIOD, 100) + entry([2], 0.1) + '[[motion]]\ndisplacement = "move.csv"\n'
+    output = workshop.check(workshop.job(text, *weights(2)))
     assert "warning: [[remove]]: supports move too, so the largest forces and the dynamic factors" in output
-
-
-@pytest.mark.parametrize(("time", "count"), [(0.1, 1), (0.6, 0)])
-def test_a_removal_while_the_pressure_grows_is_a_warning(workshop, time, count):
-    """The equilibrium after it has the whole pressure, the one before it a part."""
-    nodes, elements = weights(2)
-    text = CABLE + "pressure = 100.0\nramp = 0.5\n" + dynamics(PERIOD, 100) + entry([2], time)
-    text += "[wind]\nspeed = 20.0\nturbulence_intensity = 0.0\nprofile_exponent = 0.0\n"
-    text += "pressure_coefficient = 0.0\n"
-    notes = [*superposed_excitation_notes(read_job(workshop.job(text, nodes, elements)), varies=False)]
-    assert len(notes) == count and all(is_warning(line) and "[load] ramp = 0.5 s" in line for line in notes)
-
-
-@pytest.mark.parametrize(("steps", "loads"), [(0, "all loads act"), (1, "the wind acts")])
-def test_a_removal_in_the_motion_after_a_sudden_wind_is_a_warning(workshop, steps, loads):
-    """No equilibrium precedes it. Without load steps the weights also act suddenly."""
-    nodes, elements = weights(2)
-    text = CABLE + f"steps = {steps}\n" + dynamics(PERIOD, 100) + entry([2], 0.1)
-    text += '[wind]\nspeed = 20.0\nturbulence_intensity = 0.0\nprofile_exponent = 0.0\nonset = "sudden"\n'
-    text += "pressure_coefficient = 0.0\n"
-    notes = [*superposed_excitation_notes(read_job(workshop.job(text, nodes, elements)), varies=False)]
-    assert len(notes) == 1 and is_warning(notes[0]) and f'onset = "sudden" {loads} at once' in notes[0], notes
 
 
 def test_the_parts_of_an_element_are_named_once():
@@ -622,7 +574,7 @@ def test_a_damaged_equilibrium_above_the_strength_has_tensions(workshop):
     text = CABLE.replace("density", f"fracture_strain = {0.9 * WEIGHT / EA}\ndensity")
     whole = dynamics(PERIOD, 400, more="fragments = false\n")
     job = workshop.job(text + whole + entry([0], 0.1), *weights(2))
-    output = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf").stdout
+    output = workshop.printed(job)
     assert "the net without element 0: estimated error" in output
     assert "warning: the net without element 0: element 1: strength exceeded" in output
     breaks = "the net is in equilibrium, but strengths are exceeded: element 1"
@@ -643,9 +595,7 @@ def test_a_report_without_a_damaged_equilibrium_is_complete(workshop):
     assert all(path.stat().st_size > 0 for path in paths)
     text = (workshop.folder / "report" / "summary.md").read_text()
     assert "2 elements (0, 1); the net has no equilibrium; nothing broke afterwards" in text
-    assert (
-        "**No dynamic factor is known: there is no equilibrium, no large change, or elements broke.**" in text
-    )
+    assert "**No dynamic factor is known: there is no equilibrium, no large change" in text
     assert "| 1 | e2 | 2 | 5 kN | 5 kN | none | 1 |  |  |" in text
     with workshop.open() as f:
         assert f["removal/state"].asstr()[:].tolist() == ["no_equilibrium"]
@@ -669,8 +619,7 @@ def test_a_mast_that_topples_to_its_equilibrium_is_a_warning(workshop):
     elements = "id,start,end,kind,area\n0,1,2,bar,2e-3\n1,2,3,cable,4e-4\n2,2,4,cable,4e-4\n"
     elements += "3,2,5,cable,4e-4\n"
     text = CABLE + "[dynamics]\nduration = 0.02\n" + entry([1], 0.01)
-    job = workshop.job(text, nodes, elements)
-    output = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf").stdout
+    output = workshop.printed(workshop.job(text, nodes, elements))
     assert "without element 1: the net snaps through at 0 of the lost forces: node 2 jumps by 120" in output
 
 
@@ -680,10 +629,9 @@ def test_the_ratio_of_tensions_precedes_a_factor_near_one():
     highest, factor = [[2416e3, np.nan, 50e3, 3910e3]], [[1.09, np.nan, np.nan, 78.0]]
     removal = removals([0.1], [1], before, after, highest, factor)
     (line,) = removal_lines(removal, NO_EVENTS, np.array([7, 8, 9, 10]))
-    assert line.endswith(
-        "; largest tension over tension before 9.78 (element 10: 400 -> 3910 kN), 6.46 (element 7: 374 -> "
-        "2416 kN); largest dynamic factors 1.09 (element 7), if the equilibrium changes by more than 10% "
-        "of the element's tension and 2% of the net's largest"
+    ratios = "9.78 (element 10: 400 -> 3910 kN), 6.46 (element 7: 374 -> 2416 kN)"
+    assert (
+        f"; largest tension over tension before {ratios}; largest dynamic factors 1.09 (element 7), " in line
     )
 
 
