@@ -45,9 +45,9 @@ def one(function, median: float, dispersion: float) -> float:
     return float(annual_probability(function, np.array([median]), np.array([dispersion]))[0])
 
 
-def criterion(name, outcome, limit):
-    """Return a criterion of failure as in a study file."""
-    return (FailureCriterion(name=name, outcome=outcome, limit=limit),)
+def criteria(*each):
+    """Return criteria of failure as in a study file, from name, outcome and limit of each."""
+    return tuple(FailureCriterion(name=name, outcome=outcome, limit=limit) for name, outcome, limit in each)
 
 
 def write_year(path, samples, own=()):
@@ -128,10 +128,7 @@ def test_criteria_of_failure_are_those_of_the_columns():
     """A larger value is a failure, nan is neither. A run without equilibrium has failed by all criteria."""
     samples = drawn_samples(np.random.default_rng(2), 10, SPEEDS, 38.0, 0.1)
     samples["displacement_max"][0], samples["state"][1] = np.nan, "no_equilibrium"
-    own = (
-        FailureCriterion(name="much", outcome="displacement_max", limit=0.4),
-        FailureCriterion(name="late", outcome="first_fracture", limit=3.0),
-    )
+    own = criteria(("much", "displacement_max", 0.4), ("late", "first_fracture", 3.0))
     measures = failures(samples, own)
     expected = samples["displacement_max"] > 0.4
     expected[1] = True
@@ -149,7 +146,7 @@ def test_an_outcome_that_no_finished_run_has_is_unknown():
     samples = columns({}, np.zeros(4), np.zeros(4))
     samples["utilisation_before_break"][:] = np.nan
     samples["state"][2:] = "no_equilibrium"
-    own = criterion("tears", "utilisation_before_break", 1.0)
+    own = criteria(("tears", "utilisation_before_break", 1.0))
     assert [failure_section(samples, own)[name][0] for name in ("failed", "runs")] == [0, 0]
     samples["state"][:] = "no_equilibrium"
     assert [failure_section(samples, own)[name][0] for name in ("failed", "runs")] == [4, 4]
@@ -170,21 +167,23 @@ def test_removals_without_a_dynamic_factor_have_failed():
     """More elements broke, or no equilibrium exists, so the worst removals have no factor."""
     samples = columns({}, np.array([False, True, False, False]), np.zeros(4))
     samples["dynamic_factor_max"] = np.array([1.2, np.nan, np.nan, np.nan])
-    samples["equilibrium_after_removal"] = np.array(
-        ["equilibrium", "breaks", "unstable", "equilibrium"], object
-    )
-    failed, judged = failures(samples, criterion("swings", "dynamic_factor_max", 2.0))["swings"]
+    states = ["equilibrium", "breaks", "unstable", "equilibrium"]
+    samples["equilibrium_after_removal"] = np.array(states, object)
+    failed, judged = failures(samples, criteria(("swings", "dynamic_factor_max", 2.0)))["swings"]
     assert failed.tolist() == [False, True, True, False] and judged.tolist() == [True, True, True, False]
 
 
 def test_info_and_plots_show_annual_probabilities(tmp_path):
     """Probability with its interval, reliability with its targets, the tail, and a warning of 6 s of wind."""
     samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
-    own = criterion("moves by 0.5 m", "displacement_max", 0.5)
+    own = criteria(("moves by 0.5 m", "displacement_max", 0.5))
     row = write_year(tmp_path / "a.study.h5", samples, own)["hazard"]
     text = study_lines(tmp_path / "a.study.h5")
     assert f"{row['annual_probability'][0]:.3g} (" in text and "RC2 4.7, 3.8" in text
     assert "moves by 0.5 m" in text and "exposure 6 s in a run" in text
+    samples["duration"] = samples["dynamics.duration"] = np.linspace(20.0, 60.0, 500)  # no single exposure
+    write_year(tmp_path / "b.study.h5", samples)
+    assert "exposure 20 to 60 s in a run" in study_lines(tmp_path / "b.study.h5")
     assert 0 < row["interval"][0][0] < row["annual_probability"][0] < row["interval"][0][1]
     study = read_study(tmp_path / "a.study.h5")
     pictures_of(study)["hazard"](study).savefig(tmp_path / "hazard.png", dpi=60)
@@ -230,44 +229,27 @@ def test_a_bound_of_drawn_speeds_has_one_sample_at_the_highest(tmp_path):
     assert "no curve (<" in text and "With 1 sample at that speed, up to 95.0% of" in text
 
 
-@pytest.mark.parametrize(
-    "key, ways, explanation",
-    [
-        ("wind.direction", 2, "all wind of a year blows from its wind.direction"),
-        ("wind.direction", 12, "runs of every wind.direction have equal weight"),
-        ("wind.air_density", 2, ""),
-        ("wind.air_density", 12, ""),
-    ],
-)
-def test_annual_probabilities_explain_their_wind_directions(tmp_path, key, ways, explanation):
+@pytest.mark.parametrize("ways, explanation", [(2, "all wind of a year blows from"), (12, "runs of every")])
+def test_annual_probabilities_explain_their_wind_directions(tmp_path, ways, explanation):
     """Two directions have a curve each, with all annual maxima; twelve share one. Densities have none."""
     samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
-    samples |= {key: 30.0 * (np.arange(len(samples["wind.seed"])) % ways)}
-    write_year(tmp_path / "a.study.h5", samples)
-    output = study_lines(tmp_path / "a.study.h5").splitlines()
-    lines = [line for line in output if "wind.direction" in line and "note: " in line]
-    assert len(lines) == bool(explanation) and explanation in "".join(lines)
-
-
-def test_an_annual_probability_from_short_winds_is_a_warning(tmp_path):
-    """Durations are random, so the curve has no single exposure."""
-    samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
-    samples["duration"] = samples["dynamics.duration"] = np.linspace(20.0, 60.0, 500)
-    write_year(tmp_path / "a.study.h5", samples)
-    assert "exposure 20 to 60 s in a run" in study_lines(tmp_path / "a.study.h5")
+    for key in ("wind.direction", "wind.air_density"):
+        write_year(tmp_path / "a.study.h5", samples | {key: 30.0 * (np.arange(500) % ways)})
+        output = study_lines(tmp_path / "a.study.h5").splitlines()
+        lines = [line for line in output if "wind.direction" in line and "note: " in line]
+        assert [explanation in line for line in lines] == [True] * (key == "wind.direction")
 
 
 @pytest.mark.parametrize("seed", ["wind.seed", "cable.strength_seed"])
 def test_seeds_of_the_strength_are_not_realisations_of_the_gusts(tmp_path, seed):
     """One realisation of the gusts leaves its scatter out of the intervals, for any other seeds."""
-    samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
+    samples, path = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1), tmp_path / "a.study.h5"
     samples[seed] = samples.pop("wind.seed")
-    write_study(tmp_path / "a.study.h5", samples, curve_sections(samples)["fragility"])
-    text = study_lines(tmp_path / "a.study.h5")
-    assert ("all samples have the same gusts" in text) == (seed != "wind.seed")
+    write_study(path, samples, curve_sections(samples)["fragility"])
+    assert ("all samples have the same gusts" in study_lines(path)) == (seed != "wind.seed")
     samples["duration"][:] = np.nan  # equilibria, without gusts
-    write_study(tmp_path / "b.study.h5", samples, curve_sections(samples)["fragility"])
-    text = study_lines(tmp_path / "b.study.h5")
+    write_study(path, samples, curve_sections(samples)["fragility"])
+    text = study_lines(path)
     assert "all samples have the same gusts" not in text and "failed of those that ran; static wind" in text
 
 
@@ -301,9 +283,9 @@ scale = 2.5
 def test_new_criteria_and_hazards_need_no_new_runs(tmp_path):
     """If all runs exist, the file is rewritten without a run."""
     study = write(tmp_path, STUDY.replace("20.0, 30.0, 180.0", "20.0, 21.0"))
-    done = run_on_standing_ranks("study", study, cwd=tmp_path)
-    study.write_text(ASKED + study.read_text().replace('job = "roof.toml"', "", 1))
-    study.write_text('job = "roof.toml"\n' + study.read_text())
+    run_on_standing_ranks("study", study, cwd=tmp_path)
+    text = study.read_text().replace('job = "roof.toml"', "", 1)
+    study.write_text('job = "roof.toml"\n' + ASKED + text)
     done = run_on_standing_ranks("study", study, cwd=tmp_path)
     assert "runs to make" not in done.stdout and "written: " in done.stdout
     output = run_on_standing_ranks("info", tmp_path / "storm.study.h5", cwd=tmp_path).stdout
@@ -311,41 +293,27 @@ def test_new_criteria_and_hazards_need_no_new_runs(tmp_path):
     assert "whole already, 4 runs" in run_on_standing_ranks("study", study, cwd=tmp_path).stdout
 
 
+FAILS = '[[failure]]\nname = "{}"\noutcome = "{}"\n'
+
+
 @pytest.mark.parametrize(
     "text, message",
     [
-        ('[[failure]]\nname = "a"\noutcome = "speed"\nlimit = 1.0', 'expected one of "first_fracture"'),
+        (FAILS.format("a", "speed") + "limit = 1.0", 'expected one of "first_fracture"'),
+        (FAILS.format("a", "dynamic_factor_max") + "limit = 1.0", '"dynamic_factor_max": only for member'),
+        # it failed if the first fracture came late, and held if it came soon
         (
-            '[[failure]]\nname = "a"\noutcome = "dynamic_factor_max"\nlimit = 1.0',
-            'outcome = "dynamic_factor_max": only for member removals',
+            FAILS.format("first fracture", "displacement_max") + "limit = 3.0",
+            "name: each study has a measure",
         ),
-        (  # it failed if the first fracture came late, and held if it came soon
-            '[[failure]]\nname = "first fracture"\noutcome = "displacement_max"\nlimit = 3.0',
-            "[[failure]] first fracture: name: each study has a measure of failure of this name",
-        ),
-        (
-            '[[failure]]\nname = "a"\noutcome = "first_fracture"\nlimit = 3.0',
-            "limit = 3.0: a fracture before that time would not be a failure; expected 0",
-        ),
-        ('[[failure]]\nname = "a"\noutcome = "broken"', "[[failure]] a: limit: missing; expected a number"),
-        (
-            '[[failure]]\noutcome = "broken"\nlimit = 1',
-            "name: missing; expected a text in quotes (name of the measure of failure)",
-        ),
+        (FAILS.format("a", "first_fracture") + "limit = 3.0", "limit = 3.0: a fracture before that time"),
+        (FAILS.format("a", "broken"), "[[failure]] a: limit: missing; expected a number"),
+        ('[[failure]]\noutcome = "broken"\nlimit = 1', "name: missing; expected a text in quotes"),
         ('[hazard]\ndistribution = "normal"', 'distribution = "normal": expected gumbel, weibull, en1991'),
         ("[hazard]\nmode = 25.0", "[hazard] distribution: missing; expected gumbel, weibull, en1991"),
-        (
-            '[hazard]\ndistribution = "gumbel"\nmode = 25.0',
-            "[hazard] scale: missing; expected a number > 0 m/s",
-        ),
-        (
-            '[hazard]\ndistribution = "en1991"\nbasic_sped = 30',
-            'basic_sped: unknown key; did you mean "basic_speed"',
-        ),
-        (
-            '[[failure]]\nname = "a"\noutcome = "displacement_max"\nlimit = "8 kN"',
-            '[[failure]] a: limit = "8 kN": ',
-        ),
+        ('[hazard]\ndistribution = "gumbel"\nmode = 25.0', "[hazard] scale: missing; expected a number > 0"),
+        ('[hazard]\ndistribution = "en1991"\nbasic_sped = 30', 'unknown key; did you mean "basic_speed"'),
+        (FAILS.format("a", "displacement_max") + 'limit = "8 kN"', '[[failure]] a: limit = "8 kN": '),
         ("title = 3", "title = 3: expected a text"),
     ],
 )
@@ -360,14 +328,13 @@ def test_limits_of_outcomes_take_units():
     """Limits have the units of lengths and forces of a job; a number is in SI units."""
     limits = {"displacement_max": "1.2 mm", "tension_max": "80 kN", "utilisation_max": 0.5}
     entries = [{"name": name, "outcome": name, "limit": limit} for name, limit in limits.items()]
-    criteria = failure_sections(entries, False, check := Validator("", []))
-    assert not check.errors and [criterion.limit for criterion in criteria] == [1.2e-3, 80e3, 0.5]
+    sections = failure_sections(entries, False, check := Validator("", []))
+    assert not check.errors and [section.limit for section in sections] == [1.2e-3, 80e3, 0.5]
 
 
 def test_a_hazard_needs_different_speeds(tmp_path):
-    study = write(
-        tmp_path, STUDY.replace('"wind.speed" = [20.0, 30.0, 180.0]', "") + ASKED.partition("\n")[2]
-    )
+    text = STUDY.replace('"wind.speed" = [20.0, 30.0, 180.0]', "")
+    study = write(tmp_path, text + ASKED.partition("\n")[2])
     done = run_on_standing_ranks("study", study, cwd=tmp_path, code=2)
     assert "expected wind.speed in [vary] or [sampling]" in done.stderr
 
@@ -385,11 +352,8 @@ def test_only_named_elements_are_removed(tmp_path):
 
 def test_every_criterion_is_a_number_of_a_run():
     """Failures are judged by outcomes that state the damage of a run."""
-    assert {each.name for each in OUTCOMES if each.measured} >= {
-        "broken",
-        "detached_area",
-        "displacement_max",
-    }
+    measured = {each.name for each in OUTCOMES if each.measured}
+    assert measured >= {"broken", "detached_area", "displacement_max"}
     assert not any(each.measured for each in OUTCOMES if each.empty == "" or each.name.endswith("_id"))
 
 
@@ -419,21 +383,9 @@ def test_openturns_counts_a_roof_without_equilibrium_as_failed():
     assert "probability 1 (1 to 1, 95 %), 2 runs" in done.stdout
 
 
-def test_utilisation_before_a_fracture_is_of_strain(tmp_path):
-    """Below 1 without fractures: tension over EA, over the fracture strain. Otherwise at the fracture."""
-    study = write(tmp_path, STUDY.replace("20.0, 30.0, 180.0", "20.0, 30.0"))
-    run_on_standing_ranks("study", study, cwd=tmp_path)
-    with h5py.File(tmp_path / "storm.study.h5") as f:
-        used, broken = f["samples/utilisation_before_break"][:], f["samples/broken"][:]
-        tension = f["samples/tension_max"][:]
-    assert (broken[2:] > 0).any() and ((used > 1.0) == (broken > 0)).all() and (used < 1.1).all()
-    assert used[0] == pytest.approx(tension[0] / (1e11 * 5e-4) / 0.015, rel=1e-12)  # elastic
-
-
-def test_the_sunk_area_is_that_below_the_depth(tmp_path):
-    """The share of the area at nodes below the depth at the end, from the result files."""
-    text = '[[failure]]\nname = "sunk"\noutcome = "sunk_area"\nlimit = 0.1\ndepth = 0.01\n'
-    text += '[run]\nkeep_results = "all"\n'
+def test_the_sunk_area_is_below_the_depth_and_the_utilisation_before_a_fracture_of_strain(tmp_path):
+    """Share of the area at nodes below the depth at the end; tension over EA, over the fracture strain."""
+    text = FAILS.format("sunk", "sunk_area") + 'limit = 0.1\ndepth = 0.01\n[run]\nkeep_results = "all"\n'
     study = write(tmp_path, STUDY.replace("20.0, 30.0, 180.0", "20.0, 30.0") + text)
     run_on_standing_ranks("study", study, cwd=tmp_path)
     shares = []
@@ -445,3 +397,7 @@ def test_the_sunk_area_is_that_below_the_depth(tmp_path):
     with h5py.File(tmp_path / "storm.study.h5") as f:
         assert f["samples/sunk_area"][:].tolist() == shares and 0.0 < max(shares) < 1.0
         assert f["failures/failed"][0] == sum(share > 0.1 for share in shares)
+        used, broken = f["samples/utilisation_before_break"][:], f["samples/broken"][:]
+        assert (broken[2:] > 0).any() and ((used > 1.0) == (broken > 0)).all() and (used < 1.1).all()
+        elastic = f["samples/tension_max"][0] / (1e11 * 5e-4) / 0.015
+        assert used[0] == pytest.approx(elastic, rel=1e-12)
