@@ -221,7 +221,7 @@ class Workshop:
         return self.run(self.job(text, nodes, elements, name), *arguments, **how)
 
     def run_exported(self) -> tuple[h5py.File, list[str]]:
-        """Export the result and run the exported job; return its result file, open, and lines of the export."""
+        """Export the result and run the exported job; return its open result and the lines of the export."""
         lines = self.export()
         return self.run(self.folder / "t.csv" / "job.toml", output="again.vtkhdf"), lines
 

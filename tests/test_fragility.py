@@ -27,10 +27,6 @@ from netfall.study.answers.statistics import next_half_width, spearman, wilson
 from netfall.study.table import FORMAT
 
 SPEEDS = (30.0, 34.0, 38.0, 42.0, 46.0)
-# Baker (2015), Earthquake Spectra 31(1), 579: 40 ground motions at each intensity, and his fit.
-BAKER_IM = np.array([0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0])
-BAKER_COLLAPSES = np.array([0, 0, 0, 4, 6, 13, 12, 16])
-BAKER_THETA, BAKER_BETA = 1.0761, 0.4292
 
 
 @pytest.fixture(autouse=True)
@@ -46,10 +42,10 @@ def fragility_section(samples: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def test_bakers_collapses_give_bakers_curve():
-    """To the four decimals of the paper."""
-    fit = probit.fit(BAKER_IM, np.full(8, 40), BAKER_COLLAPSES)
-    assert round(float(fit.median[0]), 4) == BAKER_THETA
-    assert round(float(fit.dispersion[0]), 4) == BAKER_BETA
+    """Baker (2015), Earthquake Spectra 31(1), 579: 40 ground motions at each intensity, four decimals."""
+    at, collapses = np.array([0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0]), np.array([0, 0, 0, 4, 6, 13, 12, 16])
+    fit = probit.fit(at, np.full(8, 40), collapses)
+    assert np.round([fit.median[0], fit.dispersion[0]], 4).tolist() == [1.0761, 0.4292]
 
 
 def test_the_fit_has_the_largest_likelihood():
@@ -109,6 +105,9 @@ def test_the_curve_of_known_capacities_is_found():
     inside = section["band"][0][:, 0] <= ndtr(np.log(section["band_speed"] / 38.0) / 0.1)
     assert inside.mean() > 0.9
     assert abs(np.subtract(*section["band_at_median"][0])) < 0.14  # +-7 % of 196 samples at one speed
+    section = fragility_section(drawn_samples(np.random.default_rng(9), 5, SPEEDS, 38.0, 0.2))  # too few
+    assert np.isfinite(section["median"][0]) and np.isnan(section["median_interval"]).all()
+    assert "5 independent samples" in section["note"][0]
 
 
 def test_speeds_do_not_replace_seeds():
@@ -247,13 +246,6 @@ def test_runs_with_a_common_seed_are_dependent(crossed):
     assert section["samples"][0] == 12 and "wind.seed" in section["resampled"][0]
 
 
-def test_few_samples_have_no_interval():
-    """Five seeds may have a curve, but no interval."""
-    section = fragility_section(drawn_samples(np.random.default_rng(9), 5, SPEEDS, 38.0, 0.2))
-    assert np.isfinite(section["median"][0]) and np.isnan(section["median_interval"]).all()
-    assert "5 independent samples" in section["note"][0]
-
-
 def test_a_narrower_band_needs_quadratically_more_samples():
     """+-14 % with 50: 10 % needs 98. There is no number for a narrow or an unknown band."""
     assert next_half_width(0.14, 50) == (0.1, 98)
@@ -292,38 +284,27 @@ def test_rank_correlations_are_within_each_combination_of_chosen_values(tmp_path
     assert "rank correlation +1.00, n = 12" in titles
 
 
-def test_samples_without_equilibrium_have_the_worst_ranks(tmp_path):
-    """Six of 16, with the least prestress, share the ranks 11 to 16: 13.5. The others are random."""
-    generator = np.random.default_rng(1)
-    strength, standing = np.arange(1.0, 17.0), np.arange(16) >= 6
-    samples = columns({"cable.prestress": strength}, np.zeros(16), np.zeros(16))
-    samples["displacement_max"] = np.where(standing, generator.permutation(16), np.nan)
-    samples["state"][~standing] = "no_equilibrium"
-    samples["detached_area"][~standing] = np.nan
-    path = tmp_path / "a.study.h5"
-    write_study(path, samples, {})
-    output = study_lines(path)
-    ranks = np.where(standing, samples["displacement_max"].argsort().argsort() + 1.0, 13.5)
-    rho = np.corrcoef(strength, ranks)[0, 1]
-    assert f"displacement_max {rho:+.2f}" in output and rho < -0.5
-    assert "of the 10 samples that finished and the 6 without equilibrium as the worst" in output
-    pictures_of(read_study(path))["inputs"](read_study(path))
-    samples["state"][:] = "no_equilibrium"
-    write_study(path, samples, {})
-    assert "rank correlation" not in study_lines(path)
-
-
-def test_samples_without_a_fracture_have_the_best_ranks(tmp_path):
-    """Six of 16, of the largest prestress, never break: they share the ranks 11 to 16, 13.5."""
-    strength, breaks = np.arange(1.0, 17.0), np.arange(16) < 10
-    severity = np.random.default_rng(1).permutation(16) / 16
+def test_samples_without_a_value_have_the_ranks_of_the_worst_or_the_best(tmp_path):
+    """Six of 16 without equilibrium, of the least prestress, or without a fracture, of the largest: 13.5."""
+    strength, path, order = np.arange(1.0, 17.0), tmp_path / "a.study.h5", np.random.default_rng(1)
+    standing, breaks, severity = strength > 6, strength < 11, order.permutation(16) / 16
     samples = columns({"cable.prestress": strength}, breaks, severity)
-    path = tmp_path / "a.study.h5"
-    write_study(path, samples, {})
-    ranks = np.where(breaks, samples["first_fracture"].argsort().argsort() + 1.0, 13.5)
-    rho = np.corrcoef(strength, ranks)[0, 1]
-    assert f"first_fracture {rho:+.2f}" in study_lines(path) and rho > 0.5
-    pictures_of(read_study(path))["inputs"](read_study(path))
+    fallen = columns({"cable.prestress": strength}, np.zeros(16), np.zeros(16))
+    fallen["displacement_max"] = np.where(standing, 16 * severity, np.nan)
+    fallen["state"][~standing], fallen["detached_area"][~standing] = "no_equilibrium", np.nan
+    for name, of, known, sign in (
+        ("displacement_max", fallen, standing, -1),
+        ("first_fracture", samples, breaks, 1),
+    ):
+        write_study(path, of, {})
+        rho = np.corrcoef(strength, np.where(known, of[name].argsort().argsort() + 1.0, 13.5))[0, 1]
+        assert f"{name} {rho:+.2f}" in study_lines(path) and sign * rho > 0.5
+        worst = "of the 10 samples that finished and the 6 without equilibrium as the worst"
+        assert (worst in study_lines(path)) == (of is fallen)
+        pictures_of(read_study(path))["inputs"](read_study(path))
+    fallen["state"][:] = "no_equilibrium"
+    write_study(path, fallen, {})
+    assert "rank correlation" not in study_lines(path)
 
 
 @pytest.fixture(scope="module")
@@ -331,19 +312,20 @@ def storm(tmp_path_factory):
     """Return a study of five speeds and 30 seeds, with samples of every state."""
     path = tmp_path_factory.mktemp("study") / "storm.study.h5"
     samples = drawn_samples(np.random.default_rng(10), 30, SPEEDS, 38.0, 0.1)
-    for row, state, reason in (
-        (149, "no_equilibrium", "no equilibrium under the mean wind"),
-        (1, "diverged", "t = 2 s: speeds without bound"),
-        (2, "diverged", "t = 2 s: speeds without bound"),
-        (0, "failed", "no answer within 60 s"),
-        (3, "undecided", "load factor 0.993"),
-        (4, "undecided", "load factor 0.9941"),
+    rows = [149, 1, 2, 0, 3, 4]
+    samples["state"][rows] = ["no_equilibrium", "diverged", "diverged", "failed", "undecided", "undecided"]
+    samples["reason"][rows[0]] = "no equilibrium under the mean wind"
+    samples["reason"][[1, 2]] = "t = 2 s: speeds without bound"
+    samples["reason"][[0, 3, 4]] = ["no answer within 60 s", "load factor 0.993", "load factor 0.9941"]
+    for name in (
+        "first_fracture",
+        "detached_area",
+        "displacement_max",
+        "tension_max",
+        "energy_balance_error",
     ):
-        samples["state"][row], samples["reason"][row], samples["broken"][row] = state, reason, 0
-        for name in ("first_fracture", "detached_area", "displacement_max", "tension_max"):
-            samples[name][row] = np.nan
-        samples["energy_balance_error"][row] = np.nan
-        samples["first_element"][row] = samples["first_element_id"][row] = -1
+        samples[name][rows] = np.nan
+    samples["broken"][rows], samples["first_element"][rows], samples["first_element_id"][rows] = 0, -1, -1
     write_study(path, samples, fragility_section(samples), title="a storm")
     return path
 
@@ -445,9 +427,7 @@ def test_the_removal_of_a_cable_is_that_of_its_elements(tmp_path):
     """If /net names cables, an element has the removal of its cable, or none."""
     roof = net()
     m = len(roof["elements"])
-    roof["cable"] = np.where(np.arange(m) < 4, "north", np.where(np.arange(m) < 9, "south", "")).astype(
-        object
-    )
+    roof["cable"] = np.array(["north"] * 4 + ["south"] * 5 + [""] * (m - 9), object)
     samples = columns({"removed": np.array(["south", "north"], object)}, np.zeros(2, bool), np.zeros(2))
     write_study(tmp_path / "cables.study.h5", samples, {}, roof)
     study = read_study(tmp_path / "cables.study.h5")
