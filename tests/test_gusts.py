@@ -184,11 +184,8 @@ def test_mean_gusts_give_the_load_of_the_coherence(direction):
     delay = np.hypot(8 * (y[:, :1] - y[:, 0]), 16 * (y[:, 1:2] - y[:, 1])) / 60
     n = np.geomspace(1e-4, 10, 60)
     some = [35, 43, 47, 49]  # 0.09 to 1.4 Hz
-    for wave in (
-        np.ones(len(a)),
-        np.sin(np.pi * a) * np.sin(np.pi * b),
-        np.sin(2 * np.pi * a) * np.sin(np.pi * b),
-    ):
+    waves = (np.sin(k * np.pi * a) * np.sin(np.pi * b) for k in (1, 2))
+    for wave in (np.ones(len(a)), *waves):
         expected = np.array([wave @ np.exp(-f * delay) @ wave for f in n]) * gust.spectrum(n)
         at, power = [], []
         for field in (means, points):
@@ -349,9 +346,8 @@ def test_the_burn_in_removes_the_initial_state():
 
 def test_turbulence_intensity_gives_the_drag_coefficient():
     """k = I^2 / 6."""
-    assert make_gust(settings(speed=40.0, turbulence_intensity=0.18)).deviation == pytest.approx(0.18 * 40)
-    a = make_gust(settings(speed=40.0, surface_drag=0.18**2 / 6)).deviation
-    assert a == pytest.approx(0.18 * 40)
+    for given in {"turbulence_intensity": 0.18}, {"surface_drag": 0.18**2 / 6}:
+        assert make_gust(settings(speed=40.0, **given)).deviation == pytest.approx(0.18 * 40)
     assert make_gust(settings(speed=40.0, turbulence_intensity=0.0)) is None
 
 
@@ -472,16 +468,23 @@ def test_few_nodes_have_one_control_point_each(nodes, points):
     """Down to one node. Each has its own gust for any decay, or all have one gust without decay."""
     x = np.column_stack([np.zeros(nodes), np.zeros(nodes), 10.0 * np.arange(nodes)])
     vector = np.tile([4.0, 0.0, 0.0], (nodes, 1))
-    for gusts, decay in (
-        ("area_mean", (8.0, 16.0, 10.0)),
-        ("point", (8.0, 16.0, 10.0)),
-        ("area_mean", (0.0, 0.0, 0.0)),
-    ):
+    for gusts, decay in ("area_mean", DECAY), ("point", DECAY), ("area_mean", (0.0, 0.0, 0.0)):
         wind = gusty(speed=30.0, control_points=points, gust_field=gusts, coherence_decay=decay)
         field = make_wind_field(x, vector, wind)
         assert len(field.control_point) == (min(nodes, points) if any(decay) else 1)
         assert np.isfinite(field.weight).all() and field.deviation.min() > 0.6 * 0.2 * 30.0
         assert field.weight.sum(1) == pytest.approx(np.ones(nodes), abs=1e-6)
+
+
+def test_gusts_keep_their_variance_between_control_points():
+    """Interpolated gusts have the variance of a point: the weights' product with the covariance is 1."""
+    x = np.array([[a, b, 0.0] for a in np.linspace(0, 90, 7) for b in np.linspace(0, 70, 6)])
+    wind = gusty(speed=30.0, direction=20.0, control_points=9, gust_field="point", spectrum="kaimal")
+    field = make_wind_field(x, np.tile([0.0, 0.0, 1.0], (42, 1)), wind)
+    pairs = field.model.covariance[field.corner[:, :, None], field.corner[:, None, :]]
+    variance = np.einsum("ni,nj,nij->n", field.weight, field.weight, pairs)
+    assert variance == pytest.approx(field.model.covariance[0, 0] * np.ones(42), rel=1e-9)
+    assert (field.weight.sum(1) > 1.1).any()  # interpolation alone would lose more than that
 
 
 def test_the_largest_decay_does_not_divide_by_zero():
@@ -501,9 +504,8 @@ def test_the_error_of_the_coherence_is_that_by_hand():
     own = coherence_errors(x, make_wind_field(x, vector, wind), wind, gust)
     assert own == pytest.approx([0.0, 0.0], abs=1e-3)  # the table of delays
     n = np.geomspace(1e-6, 1.0, 4000)
-    lacks = lambda delay: (
-        1 - np.trapezoid(gust.spectrum(n) * np.exp(-n * delay), n) / np.trapezoid(gust.spectrum(n), n)
-    )
+    power = lambda delay: np.trapezoid(gust.spectrum(n) * np.exp(-n * delay), n)
+    lacks = lambda delay: 1 - power(delay) / power(0.0)
     exact = {True: [], False: []}
     for p, q in itertools.combinations(x, 2):
         across, up = 16.0 * abs(p - q)[1], 10.0 * abs(p - q)[2]
