@@ -22,11 +22,8 @@ from netfall.results.locks import locked_output
 from netfall.study.files import read_journal
 
 LIMITS = "yield_stress = 1.75e9\nfracture_strain = 0.0404\n"
-JOB = (
-    '[net]\ngenerator = "saddle"\n[net.saddle]\nside = 40.0\ncells = 6\n'
-    + STEEL
-    + LIMITS
-    + """[form_finding]
+NET = '[net]\ngenerator = "saddle"\n[net.saddle]\nside = 40.0\ncells = 6\n'
+JOB = f"""{NET}{STEEL}{LIMITS}[form_finding]
 method = "force_density"
 [load]
 self_weight = false
@@ -44,7 +41,6 @@ mass_damping = 0.5
 [output]
 frames = 10
 """
-)
 
 
 def test_scale_measures_one_and_two_ranks(workshop):
@@ -75,11 +71,8 @@ def test_trade_compares_settings(workshop):
     with h5py.File(workshop.folder / "out" / "job_trade.h5") as file:
         table = {name: values[()] for name, values in file["table"].items()}
     settings, states = table["setting"].astype(str).tolist(), table["state"].astype(str).tolist()
-    assert settings == [
-        f"dynamics.time_step={step}, dynamics.fragment_mass={share}"
-        for step in ("auto", "1.0")
-        for share in ("0", "0.05")
-    ]
+    pairs = product(("auto", "1.0"), ("0", "0.05"))
+    assert settings == ["dynamics.time_step={}, dynamics.fragment_mass={}".format(*pair) for pair in pairs]
     assert states == ["finished", "finished", "refused", "refused"]
     assert table["error"][0] == 0 and table["overlap"][0] == 1 and table["broken"][0] > 3
     assert np.isinf(table["error"][2:]).all() and "above the stable step" in table["reason"].astype(str)[2]
@@ -91,12 +84,9 @@ def test_trade_compares_settings(workshop):
 def test_trade_recommends_no_run_with_a_large_energy_balance_error():
     """The faster of two runs within the tolerance has twice the balance error of the warning W735."""
     exact = AccuracyOutcome("finished", "", 9.0, 1e-4, 1.0, 1.0, energy_balance_error=1e-6)
-    settings = {"short": (2.0, 5e-4), "long": (1.0, 2e-3)}
-    runs = {
-        name: exact._replace(seconds=seconds, energy_balance_error=error)
-        for name, (seconds, error) in settings.items()
-    }
-    rows = [compare_outcome(name, outcome, exact) for name, outcome in runs.items()]
+    short = exact._replace(seconds=2.0, energy_balance_error=5e-4)
+    long = exact._replace(seconds=1.0, energy_balance_error=2e-3)
+    rows = [compare_outcome(name, run, exact) for name, run in (("short", short), ("long", long))]
     assert "within 0.001: short (2 s, 4.5 times faster" in comparison_text(rows, exact, 0.05)[-1]
 
 
@@ -130,11 +120,8 @@ def test_the_energy_check_is_optional_and_changes_no_bit(workshop):
         assert np.isfinite(audited[f"history/{name}"]).all() and np.isnan(bare[f"history/{name}"]).all()
 
 
-TABLES = (
-    STEEL
-    + '[wind]\nonset = "sudden"\nfile = "wind.csv"\nbase_height = 10.0\npressure_coefficient = -1.0\n'
-    + "[dynamics]\nduration = 0.02\n"
-)
+TABLES = STEEL + '[wind]\nonset = "sudden"\nfile = "wind.csv"\nbase_height = 10.0\n'
+TABLES += "pressure_coefficient = -1.0\n[dynamics]\nduration = 0.02\n"
 NODES = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,1,0,0\n3,2,0,0,1\n"
 
 
