@@ -1,8 +1,11 @@
 """Wrong input with plausible results is refused or named; right results agree with hand calculations."""
 
+import re
+
 import numpy as np
 import pytest
 from conftest import STEEL, lines_with, refused, run_on_standing_ranks
+from nets import table
 
 from netfall.job.read import read_job
 from netfall.model.layout import make_layout
@@ -23,10 +26,7 @@ def test_form_finding_by_particles_without_prestress_is_refused(workshop):
     assert "no element that can move has a prestress" in line and 'or method = "force_density"' in line
     f = workshop.run(job, "--set", 'form_finding.method="force_density"')
     assert np.allclose(f["form_finding/position"][4], [0, 0, 0.25], atol=1e-15)
-
-
-def test_prestress_only_between_supports_is_refused(workshop):
-    elements = "start,end,prestress\n1,5,0\n2,5,0\n3,5,0\n4,5,0\n1,3,1000\n"
+    elements = "start,end,prestress\n1,5,0\n2,5,0\n3,5,0\n4,5,0\n1,3,1000\n"  # only between supports
     job = workshop.job(SECTION + "[form_finding]\n", CROSS, elements)
     assert "no element that can move has a prestress." in refused("check", job)
 
@@ -60,16 +60,14 @@ def test_warnings_of_a_net_precede_the_failure_of_its_form(workshop):
     assert "node 6: free, with one element only. Form" in run_on_standing_ranks("check", job, code=2).stdout
 
 
-@pytest.mark.parametrize(
-    "loads", ["[load]\n", '[load]\n[[case]]\nname = "snow"\nset = {"load.snow" = 500.0}\n']
-)
+@pytest.mark.parametrize("loads", ["", '[[case]]\nname = "snow"\nset = {"load.snow" = 500.0}\n'])
 def test_a_weight_without_vertical_support_is_refused(workshop, loads):
     """Supports hold in plan alone. Without weight the net is valid."""
     nodes = CROSS.replace("fixed", "fixed_x,fixed_y").replace(",1\n", ",1,1\n").replace("0,0\n", "0,0,0\n")
-    text = SECTION + "prestress = 1e4\n[form_finding]\n"
-    line = refused("check", workshop.job(text + loads, nodes, "start,end\n1,5\n2,5\n3,5\n4,5\n"))
+    text, elements = SECTION + "prestress = 1e4\n[form_finding]\n", "start,end\n1,5\n2,5\n3,5\n4,5\n"
+    line = refused("check", workshop.job(f"{text}[load]\n{loads}", nodes, elements))
     assert "the part of the net with node 1 (5 nodes) has no vertical support. Fix one of its nodes" in line
-    run_on_standing_ranks("check", workshop.job(text, nodes, "start,end\n1,5\n2,5\n3,5\n4,5\n"))
+    run_on_standing_ranks("check", workshop.job(text, nodes, elements))
 
 
 def test_warnings_of_a_net_precede_its_errors(workshop):
@@ -134,13 +132,8 @@ def test_a_backstay_does_not_loosen_the_tolerance_of_form_finding(both_ways):
 def notes_of(workshop, job, *settings) -> list[str]:
     """Return the warnings and notes of `netfall check`, those of `netfall run` too, except on modes."""
     arguments = [word for setting in settings for word in ("--set", setting)]
-    processes = [
-        run_on_standing_ranks(*verb, job, *arguments)
-        for verb in (["check"], ["run", "-o", workshop.folder / "r.h5"])
-    ]
-    marks = ("note:", "warning:")
-    lines = ([line for line in done.stdout.splitlines() if line.startswith(marks)] for done in processes)
-    check, run = ([line for line in each if not line.startswith("warning: modes:")] for each in lines)
+    texts = workshop.check(job, *arguments), workshop.printed(job, *arguments, output="r.h5")
+    check, run = (re.findall(r"^(?:note|warning): (?!modes:).*", text, re.M) for text in texts)
     assert set(check) <= set(run)
     return check
 
@@ -151,18 +144,14 @@ BRITTLE += "[form_finding]\nmodulus_factor = 0\n[dynamics]\nduration = 0.01\n"
 WINDY = BRITTLE.replace("195.0", "1.95e11").replace("fracture_strain = 0.0404\n", "")
 WINDY += "[load]\nself_weight = false\n"
 WINDY += "dead = 100\n[wind]\nonset = 'sudden'\nspeed = 20\npressure_coefficient = -1\n"
-WINDY += (
-    "base_height = 10\nsurface_drag = 0.03\ngust_field = 'point'\n" + "[output]\nhistory_interval = 0.002\n"
-)
+WINDY += "base_height = 10\nsurface_drag = 0.03\ngust_field = 'point'\n[output]\nhistory_interval = 0.002\n"
 
 
 def test_a_modulus_in_gigapascals_is_refused(workshop):
     """195 for 195e9: 100 kN is a strain of 1e5 / (195 * 683.08e-6) = 7.507e5 in all elements."""
     job = workshop.job(BRITTLE)
     line = refused("run", job)
-    assert (
-        "elements (0, 1, 2, 3, 4, ...): beyond fracture_strain at the start: 7.507e+05 in element 0" in line
-    )
+    assert "(0, 1, 2, 3, 4, ...): beyond fracture_strain at the start: 7.507e+05 in element 0" in line
     assert "allowed 0.0404" in line and "check the units of modulus (Pa)" in line
     assert "units" not in run_on_standing_ranks("check", job, "--set", "cable.modulus=1.95e11").stdout
 
@@ -170,14 +159,8 @@ def test_a_modulus_in_gigapascals_is_refused(workshop):
 @pytest.mark.parametrize(
     "limit, message",
     [
-        (
-            "fracture_strain = 0.05",
-            "beyond fracture_strain at the start: 0.05263 in element 7 (nodes 1-2, 1.9 m)",
-        ),
-        (
-            "yield_stress = 1.5e9",
-            "beyond yield force [N] at the start: 8.421e+05 in element 7 (nodes 1-2, 1.9 m)",
-        ),
+        ("fracture_strain = 0.05", "beyond fracture_strain at the start: 0.05263 in element 7 (nodes 1-2"),
+        ("yield_stress = 1.5e9", "beyond yield force [N] at the start: 8.421e+05 in element 7 (nodes 1-2"),
     ],
 )
 def test_an_unstressed_length_beyond_the_limits_is_refused(workshop, limit, message):
@@ -193,10 +176,7 @@ def test_an_unstressed_length_beyond_the_limits_is_refused(workshop, limit, mess
 @pytest.mark.parametrize(
     "change, message",
     [
-        (
-            "cable.modulus=195",
-            "modulus = 195 Pa of 112 elements (0, 1, 2, 3, 4, ...): implausible for cables",
-        ),
+        ("cable.modulus=195", "modulus = 195 Pa of 112 elements (0, 1, 2, 3, 4, ...): implausible for"),
         ("cable.area=683", "area = 683 m2 of"),
         ("cable.density=7.85", "density = 7.85 kg/m3 of"),
         ("cable.diameter=0.0034", "diameter = 0.0034 m of 112 elements"),
@@ -213,10 +193,7 @@ def test_an_unstressed_length_beyond_the_limits_is_refused(workshop, limit, mess
         ("wind.air_density=1250", "wind.air_density = 1250.0 kg/m3: implausible"),
         ("dynamics.mass_damping=50", "[dynamics] mass_damping = 50 1/s: implausible"),
         ("cable.breaking_load=6e2;cable.prestress=500", "breaking_load = 600 N of 112 elements"),
-        (
-            "cable.breaking_load=1e20",
-            "breaking_load = 1e+20 N of 112 elements (0, 1, 2, 3, 4, ...): a strain",
-        ),
+        ("cable.breaking_load=1e20", "breaking_load = 1e+20 N of 112 elements (0, 1, 2, 3, 4, ...): a"),
         ("net.saddle.side=7e4", "[net]: the net is 7e+04 m from end to end"),
     ],
 )
@@ -227,9 +204,7 @@ def test_values_in_other_units_are_named(workshop, change, message):
     assert note.startswith(f"warning: {message}")
 
 
-@pytest.mark.parametrize(
-    "stiffness, mass, expected", [(6.4e7, 3.14, False), (6.4e4, 3.14, True), (6.4e7, 3140.0, True)]
-)
+@pytest.mark.parametrize("stiffness, mass, expected", [(6.4e7, 3.14, 0), (6.4e4, 3.14, 1), (6.4e7, 3140, 1)])
 def test_stiffness_and_mass_in_other_units_are_named(workshop, stiffness, mass, expected):
     """A job in kN or in g/m is recognised by the speed of waves. Without an area it has no modulus."""
     text = f"[cable]\naxial_stiffness = {stiffness}\nmass_per_length = {mass}\n"
@@ -266,18 +241,13 @@ def test_a_gust_length_for_another_height_is_a_warning(workshop, spectrum, heigh
 
 
 def test_cases_and_combinations_in_other_units_are_named(workshop):
-    text = (
-        WINDY + '[[case]]\nname = "west"\nset = {"wind.speed" = 30.0, "wind.pressure_coefficient" = 900.0}\n'
-    )
+    text = '[[case]]\nname = "west"\nset = {"wind.speed" = 30.0, "wind.pressure_coefficient" = 900.0}\n'
     text += '[[case]]\nname = "sunk"\nsettlement = {1 = [0.0, 0.0, -30.0]}\n'
     text += '[[combination]]\nname = "U"\nfactors = {permanent = 135.0, west = 1.5, sunk = 1.0}\n'
-    notes = make_layout(read_job(workshop.job(text)), 1).notes
-    assert any(note.startswith("warning: wind.pressure_coefficient = 900.0: implausible") for note in notes)
-    assert any(note.startswith("warning: [[case]] sunk: settlement of up to 30 m: implau") for note in notes)
-    assert any(
-        note.startswith('warning: [[combination]] "U": factors: permanent = 135: implausible')
-        for note in notes
-    )
+    notes = make_layout(read_job(workshop.job(WINDY + text)), 1).notes
+    sunk, factor = "[[case]] sunk: settlement of up to 30 m", '[[combination]] "U": factors: permanent = 135'
+    for words in "wind.pressure_coefficient = 900.0", sunk, factor:
+        assert any(note.startswith(f"warning: {words}: implausible") for note in notes), words
 
 
 IN_TIME = '[wind]\nfile = "wind.csv"\nbase_height = 10.0\npressure_coefficient = -1.0\n'
@@ -297,7 +267,7 @@ AT_POINTS = '[[case]]\nname = "tunnel"\npressure_table = "wind.csv"\n'
         (
             BY_SECTORS,
             "direction,pressure_coefficient\n0,-800\n90,2\n",
-            "wind.csv: pressure_coefficient of up to 800",
+            "wind.csv: pressure_coefficient of up",
         ),
         (AT_POINTS, "x,y,pressure\n0,0,0.8\n", "[[case]] tunnel: pressure_table: pressure of up to 0.8 N/m2"),
     ],
@@ -349,12 +319,13 @@ def test_a_key_without_effect_is_named(workshop, settings):
     job = workshop.job(WINDY)
     notes = make_layout(read_job(job, settings.split()), 1).notes
     assert any(note.startswith(f"note: {IDLE[settings]}") for note in notes)
+
+
+def test_keys_with_an_effect_are_not_named(workshop):
+    """Stages are equilibria to the tolerance of [load], also without load steps."""
+    job = workshop.job(WINDY)
     assert make_layout(read_job(job), 1).notes == ()
     assert make_layout(read_job(job, ["load.added_mass=0"]), 1).notes == ()
-
-
-def test_a_tolerance_of_stages_has_an_effect(workshop):
-    """Stages are equilibria to [load] tolerance, also without load steps."""
     job = read_job(workshop.job(WINDY + '[[stage]]\nname = "erected"\n'), ["load.tolerance=1e-3"])
     assert not any("tolerance: no effect" in note for note in make_layout(job, 1).notes)
 
@@ -362,10 +333,9 @@ def test_a_tolerance_of_stages_has_an_effect(workshop):
 def test_sections_and_columns_without_effect_are_named(workshop):
     text = SECTION + "[load]\nself_weight = false\ndead = 3\nsteps = 0\n[output]\nframes = 3\n"
     nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,5,\n2,2,0,0,0,5,\n3,4,0,0,1,5,-10\n4,2,1,0,1,0,\n"
-    elements = "start,end,force_density,unstressed_length,prestress\n" + "".join(
-        f"{a},{b},5,{L},100\n"
-        for a, b, L in ((1, 2, 1.99), (2, 3, 1.99), (2, 4, 1), (1, 4, 2.23), (3, 4, 2.23))
-    )
+    rows = [(1, 2, 1.99), (2, 3, 1.99), (2, 4, 1), (1, 4, 2.23), (3, 4, 2.23)]
+    rows = [(a, b, 5, L, 100) for a, b, L in rows]
+    elements = table("start,end,force_density,unstressed_length,prestress", rows)
     notes = notes_of(workshop, workshop.job(text, nodes, elements))
     for start in (
         "warning: [load]: no effect: steps = 0",
@@ -400,11 +370,9 @@ def test_a_yield_stress_above_the_stress_at_fracture_is_named(workshop):
 def test_trade_warns_of_a_varied_safety_if_the_step_is_fixed(workshop):
     """All runs would be equal. The message comes before the first run, whose launcher fails."""
     job = workshop.job(WINDY)
-    fixed = ("--set", "dynamics.time_step=2e-4", "--reference", "dynamics.time_step=1e-4")
-    fixed += ("--launcher", "false {ranks}")
-    done = run_on_standing_ranks(
-        "trade", job, "--vary", "dynamics.safety=0.8", *fixed, "-o", workshop.folder / "out", code=2
-    )
+    line = ["trade", job, "--vary", "dynamics.safety=0.8", "--set", "dynamics.time_step=2e-4", "--reference"]
+    line += ["dynamics.time_step=1e-4", "--launcher", "false {ranks}", "-o", workshop.folder / "out"]
+    done = run_on_standing_ranks(*line, code=2)
     assert "--vary dynamics.safety: time_step is fixed" in done.stdout, done.stderr
 
 
@@ -493,13 +461,10 @@ def test_a_rim_between_supports_stays_when_subdivided(workshop):
     In halves of the segments, by nearest corner, the middle carries 4 x 1/4 m2, each of its four neighbours
     2 x 3/4 m2: w_i = 1.75 p / T, w_c = 2 p / T, less 2e-4 of it for the stretch.
     """
-    xy = [(x, y) for y in (0, 2, 4) for x in (0, 2, 4)]
-    nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{x},{y},0,{int(k != 4)}\n" for k, (x, y) in enumerate(xy))
+    nodes = table("id,x,y,z,fixed", ((k, 2 * (k % 3), 2 * (k // 3), 0, int(k != 4)) for k in range(9)))
     rim = [(0, 1), (1, 2), (2, 5), (5, 8), (8, 7), (7, 6), (6, 3), (3, 0)]
-    cross = [(4, k) for k in (1, 3, 5, 7)]
-    elements = "start,end,prestress\n" + "".join(
-        f"{a},{b},{1e5 if (a, b) in cross else 0}\n" for a, b in [*rim, *cross]
-    )
+    rows = [(*pair, 0) for pair in rim] + [(4, k, 1e5) for k in (1, 3, 5, 7)]
+    elements = table("start,end,prestress", rows)
     text = SECTION + "[load]\nself_weight = false\npressure = 100\nsteps = 1\ntolerance = 1e-9\n"
     f = workshop.solve(text, nodes, elements, "--set", "net.subdivide=2")
     w, area = -f["statics/displacement"][-1, :, 2], f["net/tributary_area"][:]
@@ -521,10 +486,8 @@ def test_a_compressed_bar_in_parts_is_named(workshop):
 def test_a_run_that_ends_after_its_duration_states_its_end(workshop):
     """Two whole steps of 6 ms for a duration of 10 ms end at 12 ms."""
     nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,0\n2,1,0,0,0,9000\n3,2,0,0,1,0\n"
-    text = SECTION + "prestress = 1e3\n"
-    job = workshop.job(
-        text + "[dynamics]\nduration = 0.01\ntime_step = 0.006\n", nodes, "start,end\n1,2\n2,3\n"
-    )
+    text = SECTION + "prestress = 1e3\n[dynamics]\nduration = 0.01\ntime_step = 0.006\n"
+    job = workshop.job(text, nodes, "start,end\n1,2\n2,3\n")
     assert any("the run ends at t = 0.012 s" in note for note in notes_of(workshop, job))
     assert workshop.open("r.h5")["history/time"][-1] == 0.012
     assert notes_of(workshop, job, "dynamics.time_step=0.005") == []
@@ -586,10 +549,8 @@ def test_a_group_with_a_similar_name_of_section_is_named(workshop):
     elements = "start,end,group\n1,2,Mast\n2,3,mast\n2,3,edge\n"
     job = workshop.job(SECTION + "[group.mast]\narea = 2e-4\n", nodes, elements)
     (note,) = [note for note in notes_of(workshop, job) if "group" in note]
-    assert note == (
-        'warning: group "Mast": no section has this name, so the elements have the values of [cable]. If '
-        "[group.mast] is meant, correct the name in the table. [W458]"
-    )
+    assert note.startswith('warning: group "Mast": no section has this name, so ') and "[W458]" in note
+    assert "If [group.mast] is meant, correct the name in the table" in note
     job = workshop.job(SECTION + "[group.mast]\narea = 2e-4\n", nodes, elements.replace("edge", "mast2"))
     (note,) = [note for note in notes_of(workshop, job) if "group" in note]
     assert note.startswith('warning: 2 groups ("Mast", "mast2"): no section has this name')
