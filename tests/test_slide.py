@@ -67,13 +67,10 @@ def test_a_clamp_below_its_resistance_does_not_change_the_result(workshop):
 
 def test_the_load_of_a_case_follows_a_cable_that_slips(workshop):
     """Tension and load balance at the ring, and give the reactions, with 8 kN of rope that slips."""
-    text, nodes, elements = weight_on_a_ring(
-        'group = "rope"\n[[case]]\nname = "own"\nset = {"load.temperature" = 10.0}\n'
-    )
-    text = text.replace("density = 1e-3", "density = 8000.0").replace(
-        "self_weight = false", "tolerance = 1e-9"
-    )
-    f = workshop.solve(text, nodes, elements)
+    case = '[[case]]\nname = "own"\nset = {"load.temperature" = 10.0}\n'
+    text, *tables = weight_on_a_ring('group = "rope"\n' + case)
+    text = text.replace("density = 1e-3", "density = 8e3").replace("self_weight = false", "tolerance = 1e-9")
+    f = workshop.solve(text, *tables)
     case, ends = f["cases/own"], f["net/elements"][:]
     x, reaction = f["net/particles"][:] + case["displacement"][:], case["reaction"][:]
     pull = sum_end_forces(x, ends, case["tension"][:])
@@ -144,9 +141,8 @@ def test_a_clamp_that_slips_under_self_weight_is_fully_used(workshop):
 
 def test_a_saddle_holds_by_the_tensions_at_the_saddle(workshop):
     """10 m of cable of 200 kg/m hang above it; 30 kN pull from it. The slip carries 1.5e-4 of its force."""
-    nodes = (
-        "id,x,y,z,fixed_x,fixed_y,fixed_z,load_x\n1,0,0,10,1,1,1,0\n2,0,0,0,1,1,1,0\n3,10,0,0,0,1,1,30e3\n"
-    )
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_x\n1,0,0,10,1,1,1,0\n2,0,0,0,1,1,1,0\n"
+    nodes += "3,10,0,0,0,1,1,30e3\n"
     text = rope().replace("1e-3\n", "2e5\n") + "[load]\nself_weight = true\nsteps = 1\n"
     text += '[[slide]]\ngroup = "m"\nnodes = [2]\nfriction = 0.3\n'
     f = workshop.solve(text, nodes, "start,end,group\n1,2,m\n2,3,m\n")
@@ -285,15 +281,13 @@ def catenary(a, c, count):
     return np.column_stack([x + a, c * (np.cosh(x / c) - np.cosh(a / c))])
 
 
-def spans(points, tail, fixed, others=()):
-    """Tables of a cable through points (k, 2), elements of unstressed lengths as they are but the last.
+def spans(points, length, fixed, others=()):
+    """Return tables of a cable through points (k, 2), with elements of unstressed lengths (k - 1,).
 
     others : (group, node, x, z, held) of elements that hang on a node of it
     """
     held = lambda k: (1, 1, 1) if k in fixed else (0, 1, 0)
     rows = [(k, x, 0, z, *held(k)) for k, (x, z) in enumerate(points)]
-    length = np.hypot(*np.diff(points, axis=0).T)
-    length[-1] = tail
     lines = [(k, k + 1, "rope", "c", length[k]) for k in range(len(length))]
     for group, node, x, z, held in others:
         lines.append((node, len(rows), group, group, abs(z - points[node][1])))
@@ -313,11 +307,11 @@ def test_a_line_over_two_pulleys_with_a_weight(workshop):
     count = 40
     arc = catenary(50.0, 158.725, count)
     points = np.concatenate([arc, arc[1:] + [100.0, 0.0], [[200.0, -10.0]]])
-    end = len(points) - 1
+    lengths, end = np.hypot(*np.diff(points, axis=0).T), len(points) - 1
     # a metre below the last strand weighs 4700 N, that strand itself 300 N, less what slips into it
     slipped = 0.0205  # m, at 30 N/m
     others = [("stay", count, 100.0, 10.0, 1), ("weight", end, 200.0, -11.0, 0)]
-    nodes, elements = spans(points, 10.0, {0, 2 * count}, others)
+    nodes, elements = spans(points, lengths, {0, 2 * count}, others)
     weight = (4700 - 30 * slipped) / 9.81e-2  # as a density
     sections = f"[group.stay]\ndensity = 1.0\n[group.weight]\narea = 1e-2\ndensity = {weight}\n"
     f = workshop.solve(sections + LINE + f"nodes = [{count}, {2 * count}]\n", nodes, elements)
@@ -333,7 +327,8 @@ def test_a_line_whose_end_moves_inwards(workshop):
     arc = catenary(50.0, 91.9, count)
     length = 2.0 * 91.9 * np.sinh(50.0 / 91.9)
     points = np.concatenate([arc, arc[1:] + [100.0, 0.0], [[210.0, 0.0]]])
-    nodes, elements = spans(points, 220.0 - 2.0 * length, {0, count, 2 * count, 2 * count + 1})
+    lengths = np.append(np.hypot(*np.diff(points[:-1], axis=0).T), 220.0 - 2.0 * length)
+    nodes, elements = spans(points, lengths, {0, count, 2 * count, 2 * count + 1})
     f = workshop.solve(LINE + f"nodes = [{count}, {2 * count}]\n", nodes, elements)
     x = f["net/particles"][:] + f["statics/displacement"][-1]
     N = f["statics/tension"][-1]
@@ -342,6 +337,9 @@ def test_a_line_whose_end_moves_inwards(workshop):
     assert np.allclose(along, [0.0, length], rtol=1e-3)  # of 120 straight parts between the two pulleys
     low = np.interp(48.5, x[: count + 1, 0], x[: count + 1, 2])
     assert low == pytest.approx(-13.9274, rel=1e-4)
+
+
+DAMPED = "[dynamics]\nduration = 0.1\naxial_damping_ratio = 0.01\naxial_damping_band = [1.0, 9.0]\n"
 
 
 @pytest.mark.parametrize(
@@ -355,11 +353,7 @@ def test_a_line_whose_end_moves_inwards(workshop):
         ('group = "rope"\n[group.rope]\nyield_stress = 1e9\n', "a cable that slips cannot yield"),
         ('group = "rope"\n[group.rope]\nkind = "bar"\n', "bars do not slip"),
         ('group = "rope"\n[[stage]]\nname = "a"\nclamps = "shut"\n', 'expected one of "open", "closed"'),
-        (
-            'group = "rope"\n'
-            "[dynamics]\nduration = 0.1\naxial_damping_ratio = 0.01\naxial_damping_band = [1.0, 9.0]\n",
-            "[dynamics] axial_damping_ratio: not together with [[slide]]",
-        ),
+        ('group = "rope"\n' + DAMPED, "[dynamics] axial_damping_ratio: not together with [[slide]]"),
     ],
 )
 def test_cables_that_cannot_slip_are_refused(workshop, slide, message):
@@ -390,9 +384,7 @@ def test_slip_does_not_stop_at_the_first_part_of_a_cable(workshop, parts):
     T, EA, span = 5000.0, 1e8, 13.4
     nodes = f"id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,{span},0,0,1,0\n3,{span},0,-12,0,-5000\n"
     stretch = 1.0 + T / EA
-    elements = table(
-        "start,end,group,unstressed_length", [(1, 2, "rope", span / stretch), (2, 3, "rope", 12 / stretch)]
-    )
+    elements = f"start,end,group,unstressed_length\n1,2,rope,{span / stretch}\n2,3,rope,{12 / stretch}\n"
     text = f"subdivide = {parts}\n" + rope() + "[load]\nself_weight = false\nsteps = 0\n"
     text += "[[case]]\nname = 'in'\nsettlement = {1 = [5.0, 0.0, 0.0]}\n"
     case = workshop.solve(text + '[[slide]]\ngroup = "rope"\n', nodes, elements)["cases/in"]
@@ -434,15 +426,8 @@ def test_slip_in_different_spans_is_that_of_catenaries(workshop, parts):
     slip, count = brentq(difference, -6.0, 5.0), 2 * parts
     arcs = [catenary(span / 2, force(span, S) / w, count) for span, S in given.items()]
     points = np.concatenate([arcs[0], arcs[1][1:] + [100.0, 0.0]])
-    held = [int(k % count == 0) for k in range(2 * count + 1)]
-    rows = [(k, x, 0, z, held[k], 1, held[k]) for k, (x, z) in enumerate(points)]
-    nodes = table("id,x,y,z,fixed_x,fixed_y,fixed_z", rows)
     each = np.repeat(list(given.values()), count) / count
-    elements = table(
-        "start,end,group,cable,unstressed_length",
-        [(k, k + 1, "rope", "c", length) for k, length in enumerate(each)],
-    )
-    f = workshop.solve(f"{LINE}nodes = [{count}]\n", nodes, elements)
+    f = workshop.solve(f"{LINE}nodes = [{count}]\n", *spans(points, each, {0, count, 2 * count}))
     assert f["statics/slip"][-1, 0] == pytest.approx(slip, rel=2e-4 * (8 / parts) ** 2)
     N = f["statics/tension"][-1]
     for (span, S), link in zip(lengths(slip).items(), N[count - 1 : count + 1]):
@@ -453,11 +438,6 @@ def test_slip_in_different_spans_is_that_of_catenaries(workshop, parts):
 @pytest.mark.parametrize("measure", ["engineering", "logarithmic"])
 def test_slips_converge_to_any_tolerance_in_both_strain_measures(workshop, measure):
     """The energy of a stiff cable in logarithmic strain is no difference of large terms, so slips settle."""
-    f = workshop.run(
-        ROOT / "jobs" / "slide.toml",
-        "--set",
-        "load.tolerance=1e-10",
-        "--set",
-        f"cable.strain_measure={measure}",
-    )
+    settings = ["--set", "load.tolerance=1e-10", "--set", f"cable.strain_measure={measure}"]
+    f = workshop.run(ROOT / "jobs" / "slide.toml", *settings)
     assert (f["statics/tension_error"][:] <= 1e-10).all() and not f["statics/relaxed"][:].any()
