@@ -73,10 +73,8 @@ def test_a_horizontal_cable_deflects_with_the_wind(workshop):
 
 MAST = HEAD + "0,0,0,0,1\n1,0,0,60,0\n2,-40,-30,0,1\n3,-40,30,0,1\n"
 GUYS = "start,end,group\n0,1,mast\n2,1,guy\n3,1,guy\n"
-SECTIONS = (
-    STIFF
-    + '[group.mast]\nkind = "bar"\ndiameter = 0.4\ndrag_coefficient = 1.0\n[group.guy]\ndiameter = 0.03\n'
-)
+SECTIONS = STIFF + '[group.mast]\nkind = "bar"\ndiameter = 0.4\ndrag_coefficient = 1.0\n'
+SECTIONS += "[group.guy]\ndiameter = 0.03\n"
 
 
 def on_top_and_foot(ice: float, direction: float, exponent: float, base: float):
@@ -227,10 +225,8 @@ def test_gusts_on_a_mast_have_the_variance_of_the_coherence(workshop):
     variance = of_points @ field.model.covariance @ of_points
     gust, slender = make_gust(wind), model.roof.slender
     drag = 0.5 * RHO * slender.drag_areas(35.0, 0.0) @ along
-    parts = [
-        (a, (k + 0.5) / 12.0, e) for e, ends in enumerate(slender.ends) for a in (0, 1) for k in range(6)
-    ]
-    end, part, row = map(np.array, zip(*parts))
+    row, end, part = (grid.ravel() for grid in np.indices((len(slender.ends), 2, 6)))
+    part = (part + 0.5) / 12.0
     node, far = slender.ends[row, end], slender.ends[row, 1 - end]
     x = model.x[node] + part[:, None] * (model.x[far] - model.x[node])
     mean = field.mean[node]
@@ -297,11 +293,7 @@ def test_detached_cables_have_the_drag_of_their_length(workshop):
 @pytest.mark.parametrize(
     "old, new, error",
     [
-        (
-            "diameter = 0.03\n",
-            "drag_coefficient = 1.1\n",
-            "[group.guy*] drag_coefficient: has no effect without",
-        ),
+        ("diameter = 0.03\n", "drag_coefficient = 1.1\n", "[group.guy*] drag_coefficient: has no effect"),
         ("[load]\n", "[load]\nice = -0.01\n", "[load] ice = -0.01"),
         ("diameter = 0.03\n", "diameter = 0.0\n", "diameter = 0.0"),
     ],
@@ -313,28 +305,22 @@ def test_wrong_keys_are_refused(workshop, old, new, error):
     assert error in refused("check", workshop.job(text.replace(old, new), nodes, elements))
 
 
-def without_diameters() -> tuple[str, str, str]:
-    """Return the mast without wind on it."""
+@pytest.mark.parametrize(
+    "more, words",
+    [
+        ("[load]\nice = 0.01\n", "[load] ice: has no effect without [group.NAME] diameter"),
+        (case('"load.ice" = 0.01'), "[[case]] wind: set: ice: has no effect without"),
+        (
+            '[[stage]]\nname = "a"\nset = {"load.ice" = 0.01}\n',
+            "[[stage]] a: set: ice: has no effect without",
+        ),
+        (GUSTY.format(duration=0.1, more=""), "pressure_coefficient: missing"),
+    ],
+)
+def test_ice_and_a_wind_without_a_coefficient_need_a_diameter(workshop, more, words):
     text, *tables = mast(1, 2)
     rest = (line for line in text.splitlines(True) if not line.startswith(("diameter", "drag")))
-    return "".join(rest), *tables
-
-
-def test_ice_needs_a_diameter(workshop):
-    text, nodes, elements = without_diameters()
-    for more, place in (
-        ("[load]\nice = 0.01\n", "[load]"),
-        (case('"load.ice" = 0.01'), "[[case]] wind: set:"),
-        ('[[stage]]\nname = "a"\nset = {"load.ice" = 0.01}\n', "[[stage]] a: set:"),
-    ):
-        error = refused("check", workshop.job(text + more, nodes, elements))
-        assert f"{place} ice: has no effect without [group.NAME] diameter" in error
-
-
-def test_a_coefficient_is_needed_only_without_diameters(workshop):
-    text, nodes, elements = without_diameters()
-    wind = GUSTY.format(duration=0.1, more="")
-    assert "pressure_coefficient: missing" in refused("check", workshop.job(text + wind, nodes, elements))
+    assert words in refused("check", workshop.job("".join(rest) + more, *tables))
 
 
 SQUARE = (  # a roof of four triangles
@@ -357,8 +343,10 @@ def test_pressures_at_taps_leave_cables_without_wind(workshop):
     assert field.force == pytest.approx(-model.roof.vector)
 
 
-def test_a_roof_without_a_coefficient_is_named(workshop):
-    """The wind acts only on the cables. A coefficient of 0 does so on purpose."""
+def test_a_roof_without_a_coefficient_and_a_diameter_without_effect_are_named(workshop):
+    """The wind acts only on the cables, with a coefficient of 0 on purpose; without it a diameter is idle."""
+    values = check_values(read_job(mast_job(workshop, "")), [])  # neither wind nor ice
+    assert any("[N471]" in line for line in values["notes"])
     for more, is_named in (("", True), ("pressure_coefficient = 0\n", False)):
         text = STEEL + "diameter = 0.03\n" + GUSTY.format(duration=0.1, more=more)
         job = workshop.job(text, *SQUARE)
@@ -368,9 +356,7 @@ def test_a_roof_without_a_coefficient_is_named(workshop):
         assert force[4, 2] == 0.0 < np.hypot(*force[4, :2])
 
 
-@pytest.mark.parametrize(
-    "wind, places", [("", "[[case]] a: set: wind"), (GUSTY, "[wind], [[case]] a: set: wind")]
-)
+@pytest.mark.parametrize("wind, places", [("", ""), (GUSTY, "[wind], ")])
 def test_each_wind_without_a_coefficient_is_named(workshop, wind, places):
     """In case a and [wind] the wind acts only on cables; the pressures of case c act on the roof."""
     (workshop.folder / "roof.csv").write_text("x,y,pressure\n5,5,300\n")
@@ -379,7 +365,7 @@ def test_each_wind_without_a_coefficient_is_named(workshop, wind, places):
     text += case(UNIFORM, "c") + 'pressure_table = "roof.csv"\n'
     warnings = check_values(read_job(workshop.job(text, *SQUARE)), [])["warnings"]
     (line,) = [line for line in warnings if "[W472]" in line]
-    assert f"warning: {places}: pressure_coefficient: missing" in line
+    assert f"warning: {places}[[case]] a: set: wind: pressure_coefficient: missing" in line
 
 
 def test_wind_and_ice_of_a_removed_guy_go_to_its_ends(workshop):
@@ -403,11 +389,6 @@ def test_wind_and_ice_of_a_removed_guy_go_to_its_ends(workshop):
     ends = problem.root_model.net.undivided()[2]
     moved = 0.5 * (ice[inner] + np.outer(square[ends], wind[inner]))
     assert (after - before)[ends] == pytest.approx(moved, rel=1e-9, abs=1e-9)
-
-
-def test_a_diameter_without_wind_and_ice_is_named(workshop):
-    values = check_values(read_job(mast_job(workshop, "")), [])
-    assert any("[N471]" in line for line in values["notes"])
 
 
 def test_ice_of_stages_acts_on_active_elements(workshop):
