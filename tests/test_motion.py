@@ -12,6 +12,8 @@ from netfall.explicit.history import energy_in_play
 from netfall.loads.base_motion import read_at2
 
 EA, HALF = 1.95e11 * 683.08e-6, 0.5 * 7850.0 * 683.08e-6  # N; kg for each metre
+# two supports and a node between them
+SPAN = "id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,10,0,0,0,50\n3,20,0,0,1,\n", "start,end\n1,2\n2,3\n"
 BAR = '[cable]\nkind = "bar"\nmodulus = 1e9\narea = 1e-4\ndensity = 1e-3\n'
 
 
@@ -22,15 +24,14 @@ def closes(f):
     assert np.abs(balanced[len(balanced) // 4 :]).max() < 1e-4
 
 
-@pytest.mark.parametrize(
-    ("load", "form", "is_sudden"),
-    [("steps = 0", "", True), ("steps = 1", "", False), ("", 'loads = "permanent"', False)],
-)
+LOADS = [("steps = 0", "", True), ("steps = 1", "", False), ("", 'loads = "permanent"', False)]
+
+
+@pytest.mark.parametrize("load, form, is_sudden", LOADS)
 def test_loads_that_act_at_once_as_supports_begin_to_move_are_a_warning(workshop, load, form, is_sudden):
     """The weight of the cables: in a load step, in the form, or in neither."""
-    nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,10,0,0,0,50\n3,20,0,0,1,\n"
     text = f'{STEEL}[form_finding]\n{form}\n[load]\n{load}\n[[motion]]\ndisplacement = "move.csv"\n'
-    job = workshop.job(text + "[dynamics]\nduration = 1.0\n", nodes, "start,end\n1,2\n2,3\n")
+    job = workshop.job(text + "[dynamics]\nduration = 1.0\n", *SPAN)
     (job.parent / "move.csv").write_text("time,x\n0,0\n1,0.1\n")
     assert ("[[motion]]: the loads act at once" in run_on_standing_ranks("check", job).stdout) == is_sudden
 
@@ -39,17 +40,13 @@ def test_loads_that_act_at_once_as_supports_begin_to_move_are_a_warning(workshop
 def test_all_supports_at_one_velocity_leave_the_tensions_as_at_rest(workshop, damping):
     """Galilei: a net that moves with its supports feels nothing; to rounding."""
     nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,10,0,0,0,50\n3,20,1,0,0,20\n4,30,0,3,1,\n"
-    text = (
-        STEEL
-        + '[group.idle]\nkind = "bar"\narea = 1e-8\nprestress = 0.0\n'  # the features of other tests here
-        + '[form_finding]\n[[motion]]\ndisplacement = "move.csv"\n'
-        + f"[dynamics]\nduration = 0.5\ntime_step = 5e-4\nmass_damping = {damping}\n"
-        + "[output]\nhistory_interval = 0.01\n"
-    )
-    job = workshop.job(text, nodes, "start,end,group\n1,2,\n2,3,\n3,4,\n1,4,idle\n")
+    text = STEEL + '[group.idle]\nkind = "bar"\narea = 1e-8\nprestress = 0.0\n[form_finding]\n[dynamics]\n'
+    text += f"duration = 0.5\ntime_step = 5e-4\nmass_damping = {damping}\n[output]\nhistory_interval = 0.01\n"
+    motion = '[[motion]]\ndisplacement = "move.csv"\n'
+    job = workshop.job(text + motion, nodes, "start,end,group\n1,2,\n2,3,\n3,4,\n1,4,idle\n")
     (job.parent / "move.csv").write_text("time,x,y,z\n0,0,0,0\n1,2.0,-1.0,0.5\n")
     f = workshop.run(job)
-    job.write_text(job.read_text().replace('[[motion]]\ndisplacement = "move.csv"\n', ""))
+    job.write_text(job.read_text().replace(motion, ""))
     still = workshop.run(job, output="still.vtkhdf")
     # rounding of the place, times EA / L
     assert np.allclose(f["final/tension"][:], still["final/tension"][:], rtol=1e-9)
@@ -103,10 +100,8 @@ def made_record():
     """Accelerations [g], 400 every 10 ms, of a made earthquake that ends at rest, nearly."""
     t = 0.01 * np.arange(400)
     rng = np.random.default_rng(3)
-    a = sum(
-        rng.uniform(0.5, 1.0) * np.sin(2 * np.pi * f * t + p)
-        for f, p in zip(rng.uniform(0.5, 8.0, 30), rng.uniform(0, 6, 30))
-    )
+    waves = zip(rng.uniform(0.5, 8.0, 30), rng.uniform(0, 6, 30))
+    a = sum(rng.uniform(0.5, 1.0) * np.sin(2 * np.pi * f * t + p) for f, p in waves)
     return 0.05 * a * np.sin(np.pi * t / t[-1]) ** 2
 
 
@@ -133,9 +128,8 @@ def test_the_spectrum_of_a_record_is_that_of_a_direct_integration(workshop):
     periods, zeta = [0.2, 0.3, 0.5, 0.8, 1.3], 0.4
     extra = '[[motion]]\nacceleration = "quake.AT2"\ndirection = [1.0, 0.0, 0.0]\nbaseline = false\n'
     text, nodes, elements = oscillators(periods, extra, 5e-4, 4.0)
-    text = text.replace("history_interval = 0.005", "history_interval = 5e-4").replace(
-        "[dynamics]", f"[dynamics]\nmass_damping = {zeta}"
-    )
+    text = text.replace("history_interval = 0.005", "history_interval = 5e-4")
+    text = text.replace("[dynamics]", f"[dynamics]\nmass_damping = {zeta}")
     job = workshop.job(text, nodes, elements)
     head = "PEER NGA STRONG MOTION DATABASE RECORD\nmade\nACCELERATION TIME SERIES IN UNITS OF G\n"
     lines = "\n".join(" ".join(f"{v:.10E}" for v in a[k : k + 5]) for k in range(0, len(a), 5))
@@ -170,11 +164,10 @@ def test_the_size_of_a_motion_is_its_length_in_space(workshop):
 
 
 def test_a_support_that_settles_ends_as_a_net_built_so(workshop):
-    nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,10,0,0,0,50\n3,20,0,{z},1,\n"
     elements = "start,end,unstressed_length\n1,2,9.99\n2,3,9.99\n"
     text = STEEL + "[dynamics]\nduration = 3.0\ntime_step = 1e-4\nmass_damping = 20.0\n"
     text += '[output]\nhistory_interval = 0.05\n[[motion]]\nnodes = [3]\ndisplacement = "move.csv"\n'
-    job = workshop.job(text, nodes.format(z=0), elements)
+    job = workshop.job(text, SPAN[0], elements)
     (job.parent / "move.csv").write_text("time,z\n0,0\n0.5,-0.1\n")
     f = workshop.run(job, output="moved.vtkhdf")
     assert f["final/position"][2] == pytest.approx([20.0, 0.0, -0.1], abs=1e-12)
@@ -184,19 +177,16 @@ def test_a_support_that_settles_ends_as_a_net_built_so(workshop):
     closes(f)
     assert "Check the unit" not in run_on_standing_ranks("check", job).stdout
     (job.parent / "move.csv").write_text("time,z\n0,0\n0.5,-100\n")
-    output = run_on_standing_ranks("check", job).stdout
-    assert (
-        "warning: [[motion]] 1: move.csv: displacements of up to 100 m (plausible: up to 5 m). Check the unit"
-        in output
-    )
+    line = "warning: [[motion]] 1: move.csv: displacements of up to 100 m (plausible: up to 5 m). Check the"
+    assert line in run_on_standing_ranks("check", job).stdout
 
 
 def test_a_pulse_travels_along_a_string_and_a_wave_over_its_supports(workshop):
     """The pulse is at x after x / c, c = sqrt(N / mass per metre); the wave travels at its own speed."""
     n, N, mass, span = 240, 100e3, 2 * HALF, 60.0
     c = np.sqrt(N / mass)
-    nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{0.25 * k},0,0,{int(k in (0, n))}\n" for k in range(n + 1))
-    elements = "start,end\n" + "".join(f"{k},{k + 1}\n" for k in range(n))
+    nodes = table("id,x,y,z,fixed", ((k, 0.25 * k, 0, 0, int(k in (0, n))) for k in range(n + 1)))
+    elements = table("start,end", ((k, k + 1) for k in range(n)))
     text = STEEL + '[[motion]]\ndisplacement = "pulse.csv"\ntravel = [2.0, 0.0, 0.0]\n'
     text += f"speed = {span / 0.35}\n[dynamics]\nduration = 0.4\n"
     text += "[output]\nhistory_interval = 0.002\nprobes = [0, 80, 240]\n"
@@ -256,10 +246,7 @@ def test_a_node_that_a_stage_holds_can_be_moved(workshop):
 )
 def test_wrong_motions_are_refused(workshop, entry, message):
     """The exit code is 2, a line names the expected value, and there is no result."""
-    nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,10,0,0,0,50\n3,20,0,0,1,\n"
-    job = workshop.job(
-        STEEL + f"[dynamics]\nduration = 0.1\n[[motion]]\n{entry}", nodes, "start,end\n1,2\n2,3\n"
-    )
+    job = workshop.job(f"{STEEL}[dynamics]\nduration = 0.1\n[[motion]]\n{entry}", *SPAN)
     (job.parent / "m.csv").write_text("time,x\n0,0\n1,1\n")
     (job.parent / "late.csv").write_text("time,x\n0,0.5\n1,1\n")
     (job.parent / "bad.AT2").write_text("a\nb\nc\nNPTS= 3, DT= .01 SEC\n0.1 0.2\n")
@@ -289,9 +276,8 @@ def test_the_first_steps_of_a_slow_motion_have_a_small_balance_error(workshop):
 
 @pytest.mark.parametrize(("before", "is_warned"), [(0.5, True), (0.0, False)])
 def test_accelerations_before_time_zero_are_warned_of(workshop, before, is_warned):
-    nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,10,0,0,0,50\n3,20,0,0,1,\n"
     text = STEEL + "[form_finding]\n[dynamics]\nduration = 0.1\n[[motion]]\nacceleration = 'm.csv'\n"
-    job = workshop.job(text, nodes, "start,end\n1,2\n2,3\n")
+    job = workshop.job(text, *SPAN)
     (job.parent / "m.csv").write_text(f"time,x\n-1,{before}\n0,0\n1,1\n")
     assert ("[[motion]] 1: m.csv: the accelerations before time 0" in workshop.check(job)) == is_warned
 
