@@ -6,18 +6,20 @@ import h5py
 import numpy as np
 import pytest
 from conftest import BARE, STEEL
+from nets import table
 
 from netfall.core.errors import DivergedError
 from netfall.model.schedule import make_schedule
 
 EA = 1.95e11 * 683.08e-6  # N
+SMALL = '[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 4\n' + STEEL
 
 
 @pytest.mark.parametrize("n", [2, 40, 700])
 def test_sharp_limit_of_a_chain(workshop, n):
     """1 / (sqrt(k / m) cos(pi / 2n)) between supports, from below, to 1e-4; the same bits on two ranks."""
-    nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{k},0,0,{int(k in (0, n))}\n" for k in range(n + 1))
-    elements = "start,end\n" + "".join(f"{k},{k + 1}\n" for k in range(n))
+    nodes = table("id,x,y,z,fixed", ((k, k, 0, 0, int(k in (0, n))) for k in range(n + 1)))
+    elements = table("start,end", ((k, k + 1) for k in range(n)))
     job = workshop.job(STEEL.replace("100e3", "1.0") + "[dynamics]\nduration = 0.001\n", nodes, elements)
     runs = [workshop.run(job, ranks=ranks, output=f"{ranks}.vtkhdf")["provenance"].attrs for ranks in (1, 2)]
     limits = [(each["limit_assembled"], each["limit_assembled_element"]) for each in runs]
@@ -38,16 +40,14 @@ def test_step_limits_of_elements_of_different_speed():
     fixed[[0, -1]] = True
     ones = np.ones(n)
     sharp = 1.0 / (np.sqrt(k / m) * np.cos(np.pi / (2 * n)))  # 2 / omega_max of a chain fixed at both ends
-    safe = any_shape_limits(
-        elements, k * ones, ones, m * np.ones(n + 1), ~fixed.all(1), ones > 1, np.zeros(n + 1)
-    )[0]
+    mass, free = m * np.ones(n + 1), ~fixed.all(1)
+    safe = any_shape_limits(elements, k * ones, ones, mass, free, ones > 1, 0.0 * mass)[0]
     assert 0.7 * sharp < safe.dt <= sharp
     L0 = np.r_[0.5, ones[1:]]
     own = np.bincount(elements.ravel(), np.repeat(4.0 * L0, 2))
     for share in (0.0, 0.5):  # nothing is carried that a fragment could take
-        after = after_fracture_limit(
-            elements, 2e8 * ones / L0, 4.0 * L0, own, fixed.all(1), 0.04 * ones, np.zeros(len(own)), share
-        )
+        of_elements = elements, 2e8 * ones / L0, 4.0 * L0
+        after = after_fracture_limit(*of_elements, own, ~free, 0.04 * ones, 0.0 * own, share)
         assert np.isclose(after.dt, 0.5 / 5000.0) and after.element == 0
 
 
@@ -66,9 +66,8 @@ def test_any_fragments_are_stable_within_the_limit_after_fracture(seed, weak, sp
     EA, L0 = 10.0 ** rng.uniform(6, 9, m), 10.0 ** rng.uniform(-1, 1, m)
     half = 10.0 ** rng.uniform(-1, 1, m) * L0
     held = rng.random(n) < 0.2
-    mass = np.bincount(elements.ravel(), np.repeat(half, 2), n) + rng.choice(
-        [0.0, 1.0, 1000.0], n, p=[0.1, 0.3, 0.6]
-    )
+    mass = np.bincount(elements.ravel(), np.repeat(half, 2), n)
+    mass += rng.choice([0.0, 1.0, 1000.0], n, p=[0.1, 0.3, 0.6])
     share = rng.choice([0.02, 0.05, 0.5])
     eps_u = np.where(rng.random(m) < weak, 0.04, np.inf)
     spring = np.where(rng.random(n) < sprung, 10.0 ** rng.uniform(8, 13, n), 0.0)
@@ -197,15 +196,14 @@ def test_added_inertia_has_no_weight(workshop):
 @pytest.mark.parametrize("share, warns", [(0.08, False), (1.0, True)])
 def test_large_added_inertia_is_a_warning(workshop, share, warns):
     """mass_scaling = 1 doubles the mass."""
-    text = '[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 4\n' + STEEL
-    text += f"[form_finding]\n[dynamics]\nduration = 0.01\nmass_scaling = {share}\n"
+    text = f"{SMALL}[form_finding]\n[dynamics]\nduration = 0.01\nmass_scaling = {share}\n"
     assert ("mass scaling adds" in workshop.printed(workshop.job(text))) == warns
 
 
 def test_modes_are_those_of_the_roof_without_mass_scaling(workshop):
     """Periods and damping ratios do not depend on inertia that the roof does not have."""
-    text = '[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 4\n' + STEEL
-    text += "[form_finding]\n[load]\ndead = 50.0\nself_weight = true\nadded_mass = 5.0\n[modes]\ncount = 3\n"
+    text = SMALL + "[form_finding]\n[load]\ndead = 50.0\nself_weight = true\nadded_mass = 5.0\n"
+    text += "[modes]\ncount = 3\n"
     text += "[dynamics]\nduration = 0.01\nmass_damping = 0.1\nmass_scaling = 0.0\n"
     names = ("modes/period", "modes/damping_ratio")
     plain = [workshop.solve(text)[name][:] for name in names]
@@ -217,9 +215,8 @@ def test_modes_are_those_of_the_roof_without_mass_scaling(workshop):
 
 def test_mass_scaling_with_fragments_is_refused(workshop):
     """Fragments would move with inertia that has no weight."""
-    text = '[net]\ngenerator = "saddle"\n' + STEEL
-    text += "fracture_strain = 0.04\n[form_finding]\n[dynamics]\nduration = 0.1\nmass_scaling = 0.05\n"
-    done = workshop.solve(text, code=2)
+    text = "fracture_strain = 0.04\n[form_finding]\n[dynamics]\nduration = 0.1\nmass_scaling = 0.05\n"
+    done = workshop.solve(SMALL + text, code=2)
     assert "mass_scaling = 0.05" in done.stderr and "fragments = false" in done.stderr
 
 
