@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import STEEL, assert_same_results, audits
 from mpi4py import MPI
-from nets import saddle
+from nets import saddle, table
 from test_kernels import ALL_FEATURES, LATTICE, lattice, make_state
 
 from netfall.core.kernels import kernel
@@ -135,15 +135,11 @@ def test_removed_elements_keep_the_mass_and_the_energy_balance(both_ways, strain
 
 def test_a_removed_elastic_element_keeps_the_energy_balance(workshop):
     """A chain without yielding is pulled apart."""
-    nodes = "id,x,y,z,fixed,mass,load_z\n" + "".join(
-        f"{k},0,0,{k},{int(k == 0)},50,{150000 if k == 8 else 0}\n" for k in range(9)
-    )
-    f = workshop.solve(
-        BRITTLE.replace("yield_stress = 1e12\n", "") + DYNAMICS.format(0.05, 10),
-        nodes,
-        "start,end\n" + "".join(f"{k},{k + 1}\n" for k in range(8)),
-        *("--set", "dynamics.fragments=false", "--set", "dynamics.safety=0.05"),
-    )
+    rows = ((k, 0, 0, k, int(k == 0), 50, 150000 * (k == 8)) for k in range(9))
+    tables = table("id,x,y,z,fixed,mass,load_z", rows), table("start,end", ((k, k + 1) for k in range(8)))
+    text = BRITTLE.replace("yield_stress = 1e12\n", "") + DYNAMICS.format(0.05, 10)
+    settings = "--set", "dynamics.fragments=false", "--set", "dynamics.safety=0.05"
+    f = workshop.solve(text, *tables, *settings)
     assert f["history/broken"][-1] >= 1 and f["history/plastic_dissipation"][-1] > 0.0
     assert (audits(f) < (1e-10, 1e-3)).all()
 
@@ -208,10 +204,9 @@ def test_the_updated_incidence_after_fractures_equals_a_new_one(fragments):
 
 def slots_of(state: State) -> list:
     """Return the incident elements of each particle in order, with all fields except extremes."""
-    columns = {f.short: getattr(state, f.name) for f in fields_of("slot") if state.features.has(f)}
-    slots = [
-        column[:, : state.n_local] for name, column in columns.items() if name not in ("highest", "lowest")
-    ]
+    known = [f for f in fields_of("slot") if state.features.has(f) and f.short not in ("highest", "lowest")]
+    columns = {f.short: getattr(state, f.name) for f in known}
+    slots = [column[:, : state.n_local] for column in columns.values()]
     full = columns["inv_L0"][:, : state.n_local] > 0.0
     return [[tuple(c[s, p] for c in slots) for s in np.flatnonzero(full[:, p])] for p in range(state.n_local)]
 
@@ -227,11 +222,8 @@ def test_the_remainder_of_an_element_that_cannot_yield_keeps_its_strength(strain
     state.broken[:], state.valence[:], state.gid[:] = 1, 1, [0, 3]
     state.v[1, 0] = np.sqrt(4.0 * strength * eps_u / mass)
     (subdomain,) = split_net(2, state.ends.astype(np.int64), np.zeros(2, np.int32), 1)
-    plan = StepPlan(
-        state,
-        Halo(MPI.COMM_SELF, subdomain, 5),
-        FractureRules(2, 2, 2, np.zeros(1, int), 0.0, False, False, False, dt, 0.0),
-    )
+    rules = FractureRules(2, 2, 2, np.zeros(1, int), 0.0, False, False, False, dt, 0.0)
+    plan = StepPlan(state, Halo(MPI.COMM_SELF, subdomain, 5), rules)
     energy, adds = 0.5 * mass * state.v[1, 0] ** 2, EA * state.v[1, 0] * dt
     most, over, step = 0.0, 0, 0
     while state.v[1, 0] > 0.0:
@@ -256,13 +248,8 @@ def test_a_yield_stress_that_no_element_reaches_changes_nothing(workshop):
     plain = workshop.run(job, output="plain.vtkhdf")
     yielding = workshop.run(job, "--set", "cable.yield_stress=1e10", output="yielding.vtkhdf")
     assert len(plain["events/time"]) > 10
-    for name in (
-        "events/time",
-        "events/strain",
-        "envelope/tension_max",
-        "history/plastic_dissipation",
-        "final/position",
-    ):
+    names = "events/time", "events/strain", "envelope/tension_max", "history/plastic_dissipation"
+    for name in (*names, "final/position"):
         assert np.array_equal(plain[name][:], yielding[name][:])
 
 
