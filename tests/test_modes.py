@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from conftest import run_on_standing_ranks
+from nets import table
 
 from netfall.driver.modes import modes_at
 from netfall.geometry.net import Net
@@ -43,11 +44,9 @@ def test_a_taut_string_has_the_periods_of_the_discrete_chain(nodes):
     assert modes.period == pytest.approx(2.0 * np.pi / omega, rel=1e-8)
     assert modes.unstable == 0
     wave = np.sin(np.pi * np.arange(nodes + 2) / (nodes + 1))
-    first = modes.shape[0]
-    direction = first[(nodes + 1) // 2, 1:]
-    assert first == pytest.approx(
-        np.outer(wave, [0.0, *direction / np.linalg.norm(direction)]) / wave.max(), abs=1e-6
-    )
+    y, z = modes.shape[0, (nodes + 1) // 2, 1:]
+    shape = np.outer(wave, [0.0, y, z]) / np.hypot(y, z) / wave.max()
+    assert modes.shape[0] == pytest.approx(shape, abs=1e-6)
 
 
 @pytest.mark.parametrize("nodes", [20, 400])
@@ -75,12 +74,8 @@ def grid(cells):
     held = np.ones_like(number, bool)
     held[1:-1, 1:-1] = False
     inner = slice(1, -1)
-    elements = np.concatenate(
-        [
-            np.stack([number[:-1, inner], number[1:, inner]], -1).reshape(-1, 2),
-            np.stack([number[inner, :-1], number[inner, 1:]], -1).reshape(-1, 2),
-        ]
-    )
+    ends = (number[:-1, inner], number[1:, inner]), (number[inner, :-1], number[inner, 1:])
+    elements = np.concatenate([np.stack(pair, -1).reshape(-1, 2) for pair in ends])
     used = np.unique(elements)
     row = np.searchsorted(used, elements)
     x = np.column_stack([X.ravel(), Y.ravel(), np.zeros(X.size)])[used]
@@ -129,19 +124,15 @@ def test_elements_that_do_not_move_in_a_mode_leave_the_net_visible(workshop):
     """The heavier of two strings moves: two of four lines are coloured in space, all in plan."""
     from netfall.post.plots.states import modes
 
-    row = lambda first, y, mass: "".join(
-        f"{first + k},{k * A},{y},0,{int(k != 1)},{mass}\n" for k in range(3)
-    )
-    nodes = "id,x,y,z,fixed,mass\n" + row(1, 0, M) + row(4, 5, 2 * M)
+    rows = ((1 + k, k % 3 * A, 5 * (k > 2), 0, int(k % 3 != 1), M * (1 + (k > 2))) for k in range(6))
+    nodes = table("id,x,y,z,fixed,mass", rows)
     text = f"[cable]\nmodulus = 1e10\narea = 1e-4\ndensity = 1e-3\nprestress = {T}\n[dynamics]\n"
     text += "duration = 1e-3\n[output]\nframes = 1\n[modes]\ncount = 1\n"
     with workshop.solve(text, nodes, "start,end\n1,2\n2,3\n4,5\n5,6\n") as f:
         space, plan = modes(f).axes[:2]
-    drawn = [
-        [len(lines.get_array()) for lines in axes.collections if lines.get_array() is not None]
-        for axes in (space, plan)
-    ]
-    assert drawn == [[2], [4]]
+    for axes, count in (space, 2), (plan, 4):
+        coloured = [lines.get_array() for lines in axes.collections]
+        assert [len(values) for values in coloured if values is not None] == [count]
 
 
 def test_the_damping_ratio_is_that_of_the_oscillator():
@@ -178,14 +169,11 @@ def test_a_free_decay_has_the_period_and_decrement_that_check_prints(workshop):
     """A string with masses under a load in the shape of its first mode, put on at once: it swings in this
     mode alone, with period T / sqrt(1 - ratio^2) and logarithmic decrement 2 pi ratio / sqrt(1 - ratio^2).
     """
-    nodes, count = ["id,x,y,z,fixed,mass,load_z"], 15
-    for k in range(count + 2):
-        shape = np.sin(k * np.pi / (count + 1))
-        nodes.append(f"{k},{k},0,0,{int(k in (0, count + 1))},10,{-10.0 * shape}")
-    elements = ["start,end"] + [f"{k},{k + 1}" for k in range(count + 1)]
+    nodes = ((k, k, 0, 0, int(k in (0, 16)), 10, -10.0 * np.sin(k * np.pi / 16)) for k in range(17))
+    tables = table("id,x,y,z,fixed,mass,load_z", nodes), table("start,end", ((k, k + 1) for k in range(16)))
     text = "[cable]\nmodulus = 1e11\narea = 1e-5\ndensity = 7850.0\nprestress = 1e4\n[dynamics]\n"
     text += "duration = 2.2\nmass_damping = 0.5\n[output]\nprobes = [[8.0, 0.0]]\n[modes]\ncount = 2\n"
-    path = workshop.job(text, "\n".join(nodes), "\n".join(elements))
+    path = workshop.job(text, *tables)
     done = run_on_standing_ranks("check", path)
     lines = {line.split()[0]: line for line in done.stdout.splitlines()}
     assert "without loads" in lines["modes"], done.stdout
