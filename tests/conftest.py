@@ -139,6 +139,16 @@ def start_run(job: Path, output: Path, ranks: int = 1) -> subprocess.Popen:
     return process
 
 
+def children_of(pid: int, word: bytes) -> list[int]:
+    """Return the children of a process whose command line contains a word."""
+    children = []
+    with contextlib.suppress(OSError):  # of processes that have ended
+        for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+            if word in Path(f"/proc/{child}/cmdline").read_bytes():
+                children.append(int(child))
+    return children
+
+
 def wait_for(condition) -> None:
     """Wait until a condition holds. Fail after two minutes."""
     end = time.monotonic() + 120

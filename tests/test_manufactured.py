@@ -6,12 +6,11 @@ import random
 import signal
 import subprocess
 import time
-from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from conftest import BIN, ENVIRONMENT, IN_PLAIN_PYTHON, PLAIN, assert_same_results, on_ranks
+from conftest import BIN, ENVIRONMENT, IN_PLAIN_PYTHON, PLAIN, assert_same_results, children_of, on_ranks
 from plain_step import GRAVITY, Plain
 from random_nets import table
 
@@ -107,10 +106,8 @@ def as_files(t: dict) -> tuple[str, str]:
     nodes |= each("fixed", 1 - t["free"].astype(int)) | each("spring", t["spring"]) | each("load", t["load"])
     nodes |= {"mass": t["carried"].tolist(), "area": t["area"].tolist()} | each("normal", t["normal"])
     names = np.array(list(nodes["id"]))
-    elements = {"id": t.get("ids", range(len(t["ends"])))}
-    elements |= dict(zip(("start", "end"), names[t["ends"]].T.tolist())) | {
-        "unstressed_length": t["L0"].tolist()
-    }
+    elements = {"id": t.get("ids", range(len(t["ends"]))), "unstressed_length": t["L0"].tolist()}
+    elements |= dict(zip(("start", "end"), names[t["ends"]].T.tolist()))
     return table(nodes), table(elements | {"group": np.where(t["bar"], "strut", "")})
 
 
@@ -413,10 +410,9 @@ def test_a_prescribed_motion_is_met_at_second_order(workshop):
         at_taps = np.linalg.solve(weights, pressures_for(t))
         columns = {"time": t.tolist(), "A": at_taps[0].tolist(), "B": at_taps[1].tolist()}
         (workshop.folder / "pressures.csv").write_text(table(columns))
-        text = TAPPED.format(T=PERIOD, dt=PERIOD / steps)
-        name = f"steps-{steps}"
-        job = workshop.job(text, HALF_LINE, "start,end,unstressed_length\n" + "".join(
-            f"{k},{k + 1},{RELAXED}\n" for k in (1, 2, 3)), name=name)  # fmt: skip
+        text, name = TAPPED.format(T=PERIOD, dt=PERIOD / steps), f"steps-{steps}"
+        links = table({"start": [1, 2, 3], "end": [2, 3, 4], "unstressed_length": [RELAXED] * 3})
+        job = workshop.job(text, HALF_LINE, links, name=name)
         f = workshop.run_here(job, f"{name}.vtkhdf")
         off = f["history/probe_displacement"][-1, :, 2] - z[:, -1]
         errors.append([*off, *(f[f"history/{name}"][-1] - value for name, value in exact.items())])
@@ -440,7 +436,7 @@ def test_ranks_that_are_stopped_at_random_change_no_bit(workshop, seed):
     process = subprocess.Popen(line, env=ENVIRONMENT, stdout=subprocess.DEVNULL, stdin=subprocess.DEVNULL)
     choose, stops = random.Random(seed), 0
     while process.poll() is None:
-        ranks = [pid for pid in children_of(process.pid) if b"netfall" in command_of(pid)]
+        ranks = children_of(process.pid, b"netfall")
         time.sleep(choose.uniform(0.0, 0.02))
         if len(ranks) < 3:
             continue
@@ -452,17 +448,3 @@ def test_ranks_that_are_stopped_at_random_change_no_bit(workshop, seed):
             stops += 1
     assert process.returncode == 0 and stops > 5
     assert_same_results(one, workshop.open("three.vtkhdf"))
-
-
-def children_of(pid: int) -> list[int]:
-    try:
-        return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-    except OSError:
-        return []
-
-
-def command_of(pid: int) -> bytes:
-    try:
-        return Path(f"/proc/{pid}/cmdline").read_bytes()
-    except OSError:
-        return b""

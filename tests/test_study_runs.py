@@ -24,6 +24,7 @@ from conftest import (
     STEEL,
     Workshop,
     assert_same_results,
+    children_of,
     error_lines,
     run_netfall,
     run_on_standing_ranks,
@@ -178,8 +179,8 @@ def test_a_killed_study_resumes_with_the_same_bits(whole, tmp_path):
     study.write_text(STUDY + "[run]\nranks = 2\n")
     command[-1] = "1"
     driver = subprocess.Popen(command, cwd=tmp_path, env=ENVIRONMENT, stdout=subprocess.PIPE)
-    wait_for(lambda: workers_of(driver.pid))
-    os.kill(workers_of(driver.pid)[0], signal.SIGKILL)
+    wait_for(lambda: children_of(driver.pid, b"worker"))
+    os.kill(children_of(driver.pid, b"worker")[0], signal.SIGKILL)
     assert driver.wait(120) == 0, driver.stdout.read()
     driver.stdout.close()
     same_studies(whole, tmp_path / "storm.study.h5")
@@ -187,34 +188,20 @@ def test_a_killed_study_resumes_with_the_same_bits(whole, tmp_path):
         assert f["provenance/attempts"][:].sum() >= 6
 
 
-STATIC = (
-    JOB.partition("[wind]")[0].replace("steps = 2", "steps = 0")
-    + """stop_at_strength = true
-[[case]]
-name = "snow"
-set = {"load.snow" = 100.0}
-[[case]]
-name = "uplift"
-set = {"load.pressure" = -600.0}
-"""
-)
+STATIC = JOB.partition("[wind]")[0].replace("steps = 2", "steps = 0") + "stop_at_strength = true\n"
+STATIC += '[[case]]\nname = "snow"\nset = {"load.snow" = 100.0}\n'
+STATIC += '[[case]]\nname = "uplift"\nset = {"load.pressure" = -600.0}\n'
 
 
 def test_a_study_of_equilibria_has_the_extremes_of_all_cases(tmp_path):
     """Extremes equal those of the result files. A case without an equilibrium has failed."""
     (tmp_path / "static.toml").write_text(STATIC)
-    study = tmp_path / "cases.toml"
-    study.write_text(
-        'job = "static.toml"\n[vary]\n"cable.prestress" = [8e4, 1e5]\n'
-        '"cable.breaking_load" = [1.9e5, 4.9e5]\n'
-        '[[failure]]\nname = "moves"\noutcome = "displacement_max"\nlimit = 0.3\n'
-        '[run]\nkeep_results = "all"\n'
-    )
+    study, text = tmp_path / "cases.toml", 'job = "static.toml"\n[vary]\n"cable.prestress" = [8e4, 1e5]\n'
+    text += '"cable.breaking_load" = [1.9e5, 4.9e5]\n[run]\nkeep_results = "all"\n'
+    study.write_text(text + '[[failure]]\nname = "moves"\noutcome = "displacement_max"\nlimit = 0.3\n')
     run_on_standing_ranks("study", study, cwd=tmp_path)
     with h5py.File(tmp_path / "cases.study.h5") as f:
-        rows = {
-            name: f[f"samples/{name}"][:] for name in ("tension_max", "displacement_max", "state", "reason")
-        }
+        rows = {key: f[f"samples/{key}"][:] for key in ("tension_max", "displacement_max", "state", "reason")}
         used = f["samples/utilisation_before_break"][:]
         failed = int(f["failures/failed"][0])
     state = [word.decode() for word in rows["state"]]
@@ -244,9 +231,7 @@ def test_a_study_of_equilibria_names_exceeded_strengths_and_refuses_counts_of_fr
         used = f["samples/utilisation_max"][:]
     assert used[0] > 1.1 and used[1] < 1.0
     text = run_on_standing_ranks("info", tmp_path / "cases.study.h5", cwd=tmp_path).stdout
-    assert (
-        f"strength: exceeded in 1 of the 2 samples that finished, by a factor of up to {used[0]:.3g}" in text
-    )
+    assert f"exceeded in 1 of the 2 samples that finished, by a factor of up to {used[0]:.3g}" in text
     with study.open("a") as file:
         file.write('[[failure]]\nname = "tears"\noutcome = "broken"\nlimit = 0\n')
     error = run_on_standing_ranks("study", study, cwd=tmp_path, code=2).stderr
@@ -255,11 +240,9 @@ def test_a_study_of_equilibria_names_exceeded_strengths_and_refuses_counts_of_fr
 
 def test_the_utilisation_of_a_yielding_cable_exceeds_one(workshop):
     """3 kN on two equal cables, one of which yields at 1 kN: the other stretches both to 2 kN over EA."""
-    job = workshop.job(
-        "[cable]\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\n[load]\nself_weight = false\n",
-        "id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,0,0,-10,0,-3e3\n",
-        "start,end,yield_stress,unstressed_length\n1,2,1e7,10\n1,2,1e9,10\n",
-    )
+    text = "[cable]\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\n[load]\nself_weight = false\n"
+    nodes = "id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,0,0,-10,0,-3e3\n"
+    job = workshop.job(text, nodes, "start,end,yield_stress,unstressed_length\n1,2,1e7,10\n1,2,1e9,10\n")
     outcomes = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache())
     assert outcomes["utilisation_max"] == pytest.approx(2.0, rel=1e-6)  # no limit of 1 exceeds 1
 
@@ -279,14 +262,6 @@ def test_extremes_of_a_sample_include_the_permanent_loads(workshop):
     job.write_text(text + stages.format("heavy", 3.2e3) + stages.format("light", 100.0))
     run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache(), say=lines.extend)
     assert [line for line in lines if "stage heavy: 2 elements (1, 2): strength exceeded" in line]
-
-
-def workers_of(pid: int) -> list[int]:
-    """Return the processes of a driver's workers."""
-    children = Path(f"/proc/{pid}/task/{pid}/children")
-    ids = [int(word) for word in children.read_text().split()] if children.exists() else []
-    command = lambda child: Path(f"/proc/{child}/cmdline")
-    return [child for child in ids if command(child).exists() and b"worker" in command(child).read_bytes()]
 
 
 def test_the_sunk_area_is_that_of_the_worst_case(tmp_path):
@@ -363,10 +338,8 @@ def test_shards_are_joined_and_missing_runs_executed(whole, tmp_path):
     again = run_on_standing_ranks("study", study, cwd=tmp_path)
     assert "whole already, 6 runs" in again.stdout
     study.write_text(STUDY + '[run]\nkeep_results = "all"\n')
-    assert (
-        "4 of 6 finished runs have no result file"
-        in run_on_standing_ranks("study", study, cwd=tmp_path).stdout
-    )
+    again = run_on_standing_ranks("study", study, cwd=tmp_path)
+    assert "4 of 6 finished runs have no result file" in again.stdout
     run_on_standing_ranks("study", study, "--shard", "1/7", cwd=tmp_path)  # without a sample, no failure
     study.write_text(STUDY.replace("30.0", "31.0"))
     other = run_on_standing_ranks("study", study, cwd=tmp_path, code=2)
@@ -385,10 +358,8 @@ def test_shards_match_the_literal_name_of_the_study(tmp_path):
 def test_kept_files_exist_and_those_of_other_shards_remain(tmp_path):
     """A run whose file could not be kept is repeated. Files that another shard writes are left alone."""
     study = write(tmp_path, STUDY.replace("20.0, 30.0, 180.0", "20.0") + '[run]\nkeep_results = "all"\n')
-    own, left, other = (
-        tmp_path / "storm.samples" / name
-        for name in ("000000.vtkhdf", ".000000-0123abcd.vtkhdf", "..000001-0123abcd.vtkhdf.part")
-    )
+    own = tmp_path / "storm.samples" / "000000.vtkhdf"
+    left, other = own.with_name(".000000-0123abcd.vtkhdf"), own.with_name("..000001-0123abcd.vtkhdf.part")
     (own / "in the way").mkdir(parents=True)
     left.touch()
     other.touch()
@@ -402,14 +373,9 @@ def test_kept_files_exist_and_those_of_other_shards_remain(tmp_path):
         assert file["events/time"].shape == (f["samples/broken"][0],) == (0,)
 
 
-@pytest.mark.parametrize(
+@pytest.mark.parametrize(  # the last: it diverged
     "keep, broken, wrote, stays",
-    [
-        ("all", 0, True, "new"),
-        ("broken", 2, True, "new"),
-        ("broken", 0, True, None),
-        ("all", 0, False, None),  # it diverged
-    ],
+    [("all", 0, True, "new"), ("broken", 2, True, "new"), ("broken", 0, True, None), ("all", 0, False, None)],
 )
 def test_files_of_an_earlier_study_are_not_used(tmp_path, keep, broken, wrote, stays):
     new, old = tmp_path / ".new", tmp_path / "000007.vtkhdf"
@@ -440,16 +406,18 @@ def test_a_run_leaves_no_reference_cycles(tmp_path):
         gc.enable()
 
 
+WEIGHT = "id,x,y,z,fixed,load_z\n1,0,0,0,0,-1000\n2,0,0,10,1,0\n3,0,0,5,1,0\n"  # on two cables
+
+
 def test_each_cable_is_removed_in_its_own_run(tmp_path):
     """A weight on two cables, one removed suddenly: the other tension doubles, its peak is three halves."""
-    Workshop(tmp_path).job(
-        BARE + "[dynamics]\nduration = 0.4\n[output]\nhistory_interval = 1e-3\n",
-        "id,x,y,z,fixed,load_z\n1,0,0,0,0,-1000\n2,0,0,10,1,0\n3,0,0,5,1,0\n",
-        "id,start,end,prestress\n7,1,2,500\n9,1,3,500\n",
-    )
+    text = BARE + "[dynamics]\nduration = 0.4\n[output]\nhistory_interval = 1e-3\n"
+    Workshop(tmp_path).job(text, WEIGHT, "id,start,end,prestress\n7,1,2,500\n9,1,3,500\n")
     lost = '[vary]\nremove = {each = "element", time = 0.0}\n[run]\nkeep_results = "all"\n'
     study = write(tmp_path, f'job = "job.toml"\n{lost}', "lost")
     run_on_standing_ranks("study", study, cwd=tmp_path)
+    with h5py.File(tmp_path / "lost.samples" / "000000.vtkhdf") as f:  # one cable is slack until it moves
+        assert f["removal/tension_after"][0] == pytest.approx([0.0, 1000.0], rel=1e-6)
     with h5py.File(tmp_path / "lost.study.h5") as f:
         assert f["samples/removed"].asstr()[:].tolist() == ["7", "9"]
         # undamped: (peak - before) / (after - before) = 2; the step reaches the peak to its square
@@ -463,11 +431,8 @@ def test_each_cable_is_removed_in_its_own_run(tmp_path):
 @pytest.mark.parametrize("each, rows", [("element", [0, 1]), ("cable", [1, 0])])
 def test_a_cable_with_the_id_of_another_element_as_its_name_is_not_that_element(tmp_path, each, rows):
     """Element 7 is cable 9, and element 9 is cable 7."""
-    Workshop(tmp_path).job(
-        BARE + "[dynamics]\nduration = 0.02\n",
-        "id,x,y,z,fixed,load_z\n1,0,0,0,0,-1000\n2,0,0,10,1,0\n3,0,0,5,1,0\n",
-        "id,start,end,prestress,cable\n7,1,2,500,9\n9,1,3,500,7\n",
-    )
+    elements = "id,start,end,prestress,cable\n7,1,2,500,9\n9,1,3,500,7\n"
+    Workshop(tmp_path).job(BARE + "[dynamics]\nduration = 0.02\n", WEIGHT, elements)
     ids = "[7, 9]" if each == "element" else '["7", "9"]'
     lost = f'[vary]\nremove = {{each = "{each}", time = 0.0, ids = {ids}}}\n'
     run_on_standing_ranks("study", write(tmp_path, f'job = "job.toml"\n{lost}', "lost"), cwd=tmp_path)
@@ -533,10 +498,7 @@ def test_run_and_study_agree_on_jobs_without_equilibrium(tmp_path):
         assert f["samples/state"].asstr()[:].tolist() == ["finished"] * 2
         assert f["samples/equilibrium_after_removal"].asstr()[:].tolist() == ["unstable"] * 2
     output = run_on_standing_ranks("info", tmp_path / "posts.study.h5").stdout
-    assert (
-        "member removals: 2 different; further elements break after 0, no equilibrium after 2 (x, y)"
-        in output
-    )
+    assert "2 different; further elements break after 0, no equilibrium after 2 (x, y)" in output
     assert ", of which 2 not stable" in output and "one draw of gusts" not in output
     assert re.match(r"\d+ warnings?\b", output.splitlines()[-1])
 
@@ -544,12 +506,10 @@ def test_run_and_study_agree_on_jobs_without_equilibrium(tmp_path):
 def test_the_balance_of_a_sample_is_the_worst_of_its_history(tmp_path, capsys):
     """A weight on a spring in steps of a tenth of its period: the error grows to some per cent."""
     period = float(2 * np.pi * np.sqrt(1000.0 * 10.0 / 1.6e7))
-    job = Workshop(tmp_path).job(
-        f"[cable]\nmodulus = 1.6e11\narea = 1e-4\ndensity = 1.0\n[dynamics]\nduration = {2.0 * period}\n"
-        f"time_step = {0.1 * period}\n[output]\nhistory_interval = {0.1 * period}\n",
-        "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-10,0,1000,-9810\n",
-        "id,start,end,unstressed_length\n1,1,2,10\n",
-    )
+    text = f"[cable]\nmodulus = 1.6e11\narea = 1e-4\ndensity = 1.0\n[dynamics]\nduration = {2.0 * period}\n"
+    text += f"time_step = {0.1 * period}\n[output]\nhistory_interval = {0.1 * period}\n"
+    nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-10,0,1000,-9810\n"
+    job = Workshop(tmp_path).job(text, nodes, "id,start,end,unstressed_length\n1,1,2,10\n")
     run_on_standing_ranks("run", job, "-o", tmp_path / "job.vtkhdf")
     with h5py.File(tmp_path / "job.vtkhdf") as f:
         error = np.abs(f["history/energy_balance_error"][:])
@@ -600,10 +560,7 @@ for line in sys.stdin:
     task = json.loads(line)
     if task["what"] == "die":
         sys.exit("error: rank 0: no memory")
-    if task["what"] == "sleep":
-        time.sleep(60)
-    if task["what"] == "nap":
-        time.sleep(1)
+    time.sleep({"sleep": 60, "nap": 1}.get(task["what"], 0))
     print(json.dumps({"pid": os.getpid(), "number": task["number"]}), flush=True)
 """
 
@@ -686,14 +643,20 @@ def test_a_file_that_changes_while_a_study_runs_ends_it(tmp_path):
         inputs.check()
 
 
-def test_a_repeated_run_counts_once():
-    """A later record in the journal replaces a failed one, but no other."""
+def test_a_repeated_run_counts_once(whole):
+    """A later record replaces a failed one, but no other, also of joined shards next to the whole study."""
     table = Table(2)
     row = NO_OUTCOMES
     for number, state in ((0, "failed"), (1, "finished"), (0, "finished"), (1, "diverged")):
         table.add({"done": number, **row, "state": state})
     assert table.columns["state"].tolist() == ["finished"] * 2 and table.counts["finished"] == 2
     assert table.counts["failed"] == table.counts["diverged"] == 0 and table.there.all()
+    table = Table(6)
+    table.add({"done": 2, **row, "state": "failed"})
+    for _ in range(2):
+        table.add_file(whole)
+    assert table.there.all() and dict(+table.counts) == {"finished": 4, "no_equilibrium": 2}
+    assert "failed" not in table.columns["state"].tolist()
 
 
 def test_failed_runs_are_repeated_together_with_a_net_that_failed():
@@ -704,16 +667,6 @@ def test_failed_runs_are_repeated_together_with_a_net_that_failed():
         table.add({"done": 1, **NO_OUTCOMES, "state": "failed"})
         table.reset_failed()
         assert table.net == net and not table.there.any()
-
-
-def test_a_run_in_two_files_counts_once_and_replaces_a_failed_one(whole):
-    """Joined shards remain next to the whole study, and a shard may repeat a run."""
-    table = Table(6)
-    table.add({"done": 2, **NO_OUTCOMES, "state": "failed"})
-    for _ in range(2):
-        table.add_file(whole)
-    assert table.there.all() and dict(+table.counts) == {"finished": 4, "no_equilibrium": 2}
-    assert "failed" not in table.columns["state"].tolist()
 
 
 def test_workers_that_do_not_start_end_the_study():
@@ -746,26 +699,17 @@ def test_draws_have_their_distribution(method):
 
 def test_the_detached_area_by_hand():
     """Four particles in a chain between supports: without elements 1 and 2 the one between is detached."""
-    fixed = np.array([[True] * 3, [False] * 3, [False] * 3, [False] * 3, [True] * 3])
-    net = Net(
-        group=np.zeros(4, int),
-        group_names=[""],
-        x=np.arange(15.0).reshape(5, 3),
-        elements=np.array([[0, 1], [1, 2], [2, 3], [3, 4]]),
-        fixed=fixed,
-        density=np.ones(4),
+    fixed, elements = (
+        np.repeat([[1], [0], [0], [0], [1]], 3, 1) > 0,
+        np.array([[0, 1], [1, 2], [2, 3], [3, 4]]),
     )
-    area, detached = np.array([1.0, 2.0, 4.0, 2.0, 1.0]), np.zeros(4, bool)
-    assert detached_area(net, area, detached) == 0.0
-    detached[1] = True
-    assert detached_area(net, area, detached) == 0.0
+    net = Net(np.arange(15.0).reshape(5, 3), fixed, elements, np.zeros(4, int), [""])
+    net.density, area = np.ones(4), np.array([1.0, 2.0, 4.0, 2.0, 1.0])
+    share = lambda *gone: detached_area(net, area, np.isin(np.arange(4), gone))
+    assert share() == share(1) == 0.0
     net.density[2] = 0.0  # a stage of erection took it out
-    assert detached_area(net, area, detached) == 0.4
-    detached[2] = True
-    assert detached_area(net, area, detached) == 0.4
-    detached[:] = True
-    assert detached_area(net, area, detached) == 0.8
-    assert np.isnan(detached_area(net, np.zeros(5), detached))
+    assert share(1) == share(1, 2) == 0.4 and share(0, 1, 2, 3) == 0.8
+    assert np.isnan(detached_area(net, np.zeros(5), np.ones(4, bool)))
 
 
 # --- wrong input
@@ -787,41 +731,25 @@ WRONG_VARY = [  # below [vary]
     ('remove = {each = "cable"}', "time: missing; expected a number from 0 to 1e+09 s"),
     ('"wind.speed" = [20.0]\nwind.speed = [30.0]', "wind.speed: given twice"),
     ('remove = {each = ["element"], time = 1.0}', 'expected {each = "element", ...}'),
-    (
-        '"wind.speed" = [9, 20]\n[hazard]\ndistribution = ["gumbel"]',
-        'distribution = ["gumbel"]: expected gumbel, weibull',
-    ),
+    ('"wind.speed" = [9, 20]\n[hazard]\ndistribution = ["gumbel"]', '["gumbel"]: expected gumbel, weibull'),
     ("removed = [1]", "removed = 1: expected a key of the job, SECTION.KEY"),
     ("remove = {time = 1.0}", 'expected {each = "element", ...}'),
     ('"modes.count" = [2]', "modes.count: no outcome of a sample depends on it"),
     ('"limits.displacement" = [1, 2]', "limits.displacement: no outcome of a sample depends on it"),
     ('"net.saddle.cells" = [4, 6]\nremove = {each = "element", time = 1.0}', "make one study per net"),
-    (
-        '"wind.seed" = [1]\n[run]\nkeep_results = "some"',
-        'keep_results = "some": expected one of "none", "broken"',
-    ),
+    ('"wind.seed" = [1]\n[run]\nkeep_results = "some"', 'keep_results = "some": expected one of "none"'),
     ('"wind.seed" = [1]\n[run]\nrank = 2', '[run] rank: unknown key; did you mean "ranks"?'),
     ('"wind.seed" = [1]\n[varry]', 'varry: unknown; did you mean "vary"?'),
 ]
 STRENGTH = "group.a.design_strength"
 WRONG_DRAWS = [  # below [sampling]: a count, a key, its distribution
-    (
-        "",
-        "wind.speed",
-        '"normal", mean = 1.0, deviation = 1.0',
-        "[sampling] count: missing; expected an integer >= 1",
-    ),
+    ("", "wind.speed", '"normal", mean = 1.0, deviation = 1.0', "[sampling] count: missing; expected an"),
     ("count = 4", "wind.speed", '"beta"', "known distributions: normal, lognormal, uniform, integer"),
     ("count = 4", "wind.speed", '["normal"]', "known distributions: normal, lognormal, uniform, integer"),
     ("count = 4", "wind.speed", '"uniform", from = 2.0, to = 1.0', "expected from < to"),
     ("count = 8", "wind.speed", '"normal", mean = 1.0, deviation = 9.0', "expected a"),
     ("count = 8", "wind.seed", '"integer", from = 1, to = 2.5', "whole numbers"),
-    (
-        "count = 4",
-        STRENGTH,
-        '"uniform", from = 1e8, to = 2e8',
-        f"{STRENGTH}: no outcome of a sample depends on it",
-    ),
+    ("count = 4", STRENGTH, '"uniform", from = 1e8, to = 2e8', f"{STRENGTH}: no outcome of a sample"),
     ("count = 100000000000", "wind.speed", '"uniform", from = 1.0, to = 2.0', "at most"),
 ]
 WRONG = [(f"[vary]\n{text}\n", line) for text, line in WRONG_VARY] + [
@@ -848,11 +776,8 @@ def test_inputs_in_the_table_of_samples_are_values_for_set(tmp_path):
 @pytest.mark.parametrize("where", ["vary", "sampling"])
 def test_a_strength_that_each_group_overrides_is_refused(tmp_path, where):
     """Such a strength would change no sample. One that a group lacks may vary."""
-    job = Workshop(tmp_path).job(
-        STEEL + "breaking_load = 1e6\n[group.a]\nbreaking_load = 1e6\n[load]\nsteps = 1\n",
-        "id,x,y,z,fixed,load_z\n1,0,0,0,0,-1000\n2,0,0,10,1,0\n3,0,0,5,1,0\n",
-        "id,start,end,group\n7,1,2,a\n9,1,3,b\n",
-    )
+    text = STEEL + "breaking_load = 1e6\n[group.a]\nbreaking_load = 1e6\n[load]\nsteps = 1\n"
+    job = Workshop(tmp_path).job(text, WEIGHT, "id,start,end,group\n7,1,2,a\n9,1,3,b\n")
     values = {"vary": "[9e5, 1e6]", "sampling": '{distribution = "normal", mean = 9e5, deviation = 1e4}'}
     count = "count = 4\n" * (where == "sampling")
     study = write(tmp_path, f'job = "job.toml"\n[{where}]\n{count}"cable.breaking_load" = {values[where]}\n')
@@ -924,9 +849,7 @@ def test_another_depth_needs_new_runs_and_another_limit_does_not(tmp_path):
 
 def test_a_job_is_not_accepted_as_a_study_nor_the_reverse(tmp_path):
     study = write(tmp_path)
-    with pytest.raises(
-        InputError, match=r"storm.toml: a study file, not a job file. Run it with netfall study .*storm.toml"
-    ):
+    with pytest.raises(InputError, match=r"a study file, not a job file. Run it with netfall study .*storm"):
         read_job(study)
     with pytest.raises(InputError, match=r"roof.toml: is a job file. Run it with netfall run"):
         read_study_plan(tmp_path / "roof.toml")
@@ -970,7 +893,7 @@ def test_twenty_kills_change_no_bit(tmp_path, victim):
 
 def strike(driver, victim: str) -> bool:
     """Kill a worker, the driver, or all processes of a study; return whether one existed."""
-    workers = workers_of(driver.pid) if driver.poll() is None else []
+    workers = children_of(driver.pid, b"worker") if driver.poll() is None else []
     struck = {"worker": workers[:1], "driver": [driver.pid], "all": [driver.pid, *workers]}[victim]
     for pid in struck if workers else []:
         with contextlib.suppress(ProcessLookupError):
