@@ -27,16 +27,12 @@ def test_elongation_under_a_known_force(both_ways, compare, strain):
     for s, share in enumerate(shares):
         pull = lambda k: np.copysign(N, share) if k == 2 else 0.0
         nodes += [(10 * s + k, L0 * k / 2, 5.0 * s, 0.0, int(k == 0), 1, 1, pull(k)) for k in (0, 1, 2)]
-        elements += [
-            (10 * s + k, 10 * s + k + 1, "strut" if share < 0 else "", N / abs(share) / A) for k in (0, 1)
-        ]
+        group, first = "strut" if share < 0 else "", 10 * s
+        elements += [(first + k, first + k + 1, group, N / abs(share) / A) for k in (0, 1)]
     elements = table("start,end,group,modulus", elements)
     tables = table("id,x,y,z,fixed_x,fixed_y,fixed_z,load_x", nodes), elements
-    f = both_ways.solve(
-        section(strain)
-        + '[group.strut]\nkind = "bar"\n[load]\nself_weight = false\nsteps = 2\ntolerance = 1e-10\n',
-        *tables,
-    )
+    text = section(strain) + '[group.strut]\nkind = "bar"\n[load]\nself_weight = false\nsteps = 2\n'
+    f = both_ways.solve(text + "tolerance = 1e-10\n", *tables)
     x, why = f["final/position"][:, 0], "residual of the statics, 1e-10 of the load"
     for s, share in enumerate(shares):
         theirs = L0 * (1 + share) if strain == "engineering" else L0 * np.exp(share)
@@ -92,35 +88,27 @@ def test_weight_dropped_on_a_cable_that_yields(both_ways, compare, strain):
     lowest = np.poly1d(np.polyfit(t[free] - t[free].mean(), L[free], 2))
     kinks, what = EA / L0 / mass * dt**2 / 4, "kinks at catch and yield: (omega dt)^2 / 8 of the speed each"
     sure = kinks * (F * h + stored(at_yield, L0)) / (NY - F)  # m, effect of the kinks' energy on the longest
-    name = f"weight dropped on a cable that yields, {strain} strain"
-    compare(f"{name}: largest elongation", "balance of energy").figures(
-        path(turn) - L0, longest - L0, sure / (longest - L0), what, "m"
-    )
-    compare("the same: plastic strain", "balance of energy").figures(
-        f["final/plastic_strain"][0], plastic(rest), sure / (rest - L0), what
-    )
-    compare("the same: dissipated", "work of yield force less stored").figures(
-        f["history/plastic_dissipation"][-1], heat, sure / (rest - L0), what, "J"
-    )
-    compare("the same: time of the longest", "quadrature").figures(turn, peak, kinks, what, "s")
-    compare("the same: residual elongation, where it is slack", "balance of energy").figures(
-        residual - L0, rest - L0, sure / (rest - L0), what, "m"
-    )
-    compare("the same: way thrown back from there, slack", "balance of energy").figures(
-        residual - lowest(lowest.deriv().roots[0]), rest - thrown, kinks, what, "m"
-    )
+    name, energy = f"weight dropped on a cable that yields, {strain} strain", "balance of energy"
+    lost, thrown_back = f["history/plastic_dissipation"][-1], residual - lowest(lowest.deriv().roots[0])
     caught = t[second[0]] - (L[second[0]] - rest) / ((L[second[0]] - L[second[0] - 1]) / dt)
-    compare("the same: time of the second catch", "quadrature and parabola").figures(
-        caught, again, kinks, what, "s"
-    )
+    of_longest, of_rest = sure / (longest - L0), sure / (rest - L0)
+    for case, source, ours, theirs, within, unit in (
+        (f"{name}: largest elongation", energy, path(turn) - L0, longest - L0, of_longest, "m"),
+        ("the same: plastic strain", energy, f["final/plastic_strain"][0], plastic(rest), of_rest, ""),
+        ("the same: dissipated", "work of yield force less stored", lost, heat, of_rest, "J"),
+        ("the same: time of the longest", "quadrature", turn, peak, kinks, "s"),
+        ("the same: residual elongation, where slack", energy, residual - L0, rest - L0, of_rest, "m"),
+        ("the same: way thrown back from there, slack", energy, thrown_back, rest - thrown, kinks, "m"),
+        ("the same: time of the second catch", "quadrature and parabola", caught, again, kinks, "s"),
+    ):
+        compare(case, source).figures(ours, theirs, within, what, unit)
     up = second[: np.argmax(L[second])]
     up = up[N[up] < NY * (1 - 1e-9)]  # before it yields again, by what the kinks have added
     compare("the same: tension on the way up again, largest difference", "the line of the way down").error(
         np.abs(N[up] - force(L[up], residual)).max(), 1e-9, "rounding", "N", scale=NY
     )
-    compare("the same: largest elongation the second time", "the first time").figures(
-        L[second].max() - L0, longest - L0, sure / (longest - L0), what, "m"
-    )
+    case = compare("the same: largest elongation the second time", "the first time")
+    case.figures(L[second].max() - L0, longest - L0, of_longest, what, "m")
 
 
 @pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
@@ -143,11 +131,8 @@ def test_cycles_with_slack(both_ways, compare, strain):
     text = section(strain) + 'yield_stress = 1.75e9\n[group.strut]\nkind = "bar"\n'
     text += '[group.driver]\nkind = "bar"\nyield_stress = 1e14\n'  # which never yields
     text += timing(2.5, dt, 1, [(nodes[1][1], 0.0), (nodes[5][1], 5.0)])
-    tables = (
-        table("id,x,y,z,fixed_x,fixed_y,fixed_z,mass", nodes),
-        table("start,end,group,unstressed_length,area,modulus", elements),
-    )
-    f = both_ways.solve(text, *tables)
+    elements = table("start,end,group,unstressed_length,area,modulus", elements)
+    f = both_ways.solve(text, table("id,x,y,z,fixed_x,fixed_y,fixed_z,mass", nodes), elements)
     heat = 0.0
     for s, group in enumerate(("cable", "bar")):
         L = nodes[1][1] + f["history/probe_displacement"][:, s, 0]
@@ -164,9 +149,8 @@ def test_cycles_with_slack(both_ways, compare, strain):
                 longer = L0 * (np.exp(eps_p) - np.exp(before))
                 heat += ea * u * np.exp(u) * longer - ea * (np.exp(u) * (u - 1) + 1) * longer
             theirs.append(max(ea * (value - eps_p), 0.0) if group == "cable" else ea * (value - eps_p))
-            stage = (
-                "yield" if abs(theirs[-1]) > ny * (1 - 1e-12) else "slack" if theirs[-1] == 0 else "elastic"
-            )
+            of_taut = "yield" if abs(theirs[-1]) > ny * (1 - 1e-12) else "elastic"
+            stage = "slack" if theirs[-1] == 0 else of_taut
             stages += [stage] if stages[-1:] != [stage] else []
         if group == "cable":
             twice = ["slack", "elastic", "yield", "elastic"] * 2
@@ -181,14 +165,9 @@ def test_cycles_with_slack(both_ways, compare, strain):
         compare("the same: plastic strain at the end", "paper Fig. 3 along the path").figures(
             f["final/plastic_strain"][3 * s], eps_p, 1e-9, "rounding"
         )
-    source = (
-        "yield force times plastic elongation"
-        if strain == "engineering"
-        else "yield force times elongation at yield, less stored"
-    )
-    compare(f"both through these cycles, {strain} strain: dissipated", source).figures(
-        f["history/plastic_dissipation"][-1], heat, 1e-9, "rounding", "J"
-    )
+    of = "plastic elongation" if strain == "engineering" else "elongation at yield, less stored"
+    case = compare(f"both through these cycles, {strain} strain: dissipated", f"yield force times {of}")
+    case.figures(f["history/plastic_dissipation"][-1], heat, 1e-9, "rounding", "J")
 
 
 def test_three_cables_past_yield(both_ways, compare):
@@ -196,24 +175,15 @@ def test_three_cables_past_yield(both_ways, compare):
     H, P = 5.0, 2.2 * NY
     above = [(k, x, 0.0, H, 1, 0.0) for k, x in enumerate((-H, 0.0, H))]
     nodes = table("id,x,y,z,fixed,load_z", [*above, (3, 0.0, 0.0, 0.0, 0, -P)])
-    f = both_ways.solve(
-        section("engineering")
-        + "yield_stress = 1.75e9\n[load]\nself_weight = false\nsteps = 11\ntolerance = 1e-10\n",
-        nodes,
-        "start,end\n0,3\n1,3\n2,3\n",
-    )
+    text = "yield_stress = 1.75e9\n[load]\nself_weight = false\nsteps = 11\ntolerance = 1e-10\n"
+    f = both_ways.solve(section("engineering") + text, nodes, "start,end\n0,3\n1,3\n2,3\n")
     middle, slant = lambda v: min(EA * v / H, NY), lambda v: EA * (np.hypot(H, H + v) / np.hypot(H, H) - 1)
     carried = lambda v: middle(v) + 2 * slant(v) * (H + v) / np.hypot(H, H + v)
     assert slant(brentq(lambda v: carried(v) - P, 0, 1)) < NY  # the slanted ones stay elastic
-    for factor, moved, N in zip(
-        f["statics/load_factor"][:], f["statics/displacement"][:, 3, 2], f["statics/tension"][:]
-    ):
-        if round(factor * 11) in (8, 9, 11):
-            v = brentq(lambda v: carried(v) - factor * P, 0, 1, xtol=1e-15)
-            load = f"three cables under {factor * 2.2:.1f} times the yield force"
-            compare(f"{load}: displacement", "equilibrium in place").figures(
-                -moved, v, 1e-9, "residual of the statics, 1e-10 of the load; softer past yield", "m"
-            )
-            compare("the same: force of a slanted cable", "equilibrium in place").figures(
-                N[0], slant(v), 1e-9, "residual of the statics, 1e-10 of the load; softer past yield", "N"
-            )
+    source, why = "equilibrium in place", "residual of the statics, 1e-10 of the load; softer past yield"
+    for step in (8, 9, 11):
+        v = brentq(lambda v: carried(v) - step / 11 * P, 0, 1, xtol=1e-15)
+        load = f"three cables under {step / 5:.1f} times the yield force"
+        moved, N = f["statics/displacement"][step, 3, 2], f["statics/tension"][step, 0]
+        compare(f"{load}: displacement", source).figures(-moved, v, 1e-9, why, "m")
+        compare("the same: force of a slanted cable", source).figures(N, slant(v), 1e-9, why, "N")
