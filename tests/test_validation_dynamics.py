@@ -56,16 +56,15 @@ def test_free_fall(both_ways, compare):
     text = BARE + "[load]\nself_weight = true\n[dynamics]\nduration = 1.0\n"
     tables = "id,x,y,z\n1,0,0,0\n2,3,0,1\n", "start,end\n1,2\n"
     f = both_ways.solve(text, *tables)
-    compare("free fall for 1 s: way", "g t^2 / 2").figures(
-        -f["final/position"][0, 2], 0.5 * G, 1e-12, EXACT, "m"
-    )
-    compare("free fall for 1 s: way of the other end", "g t^2 / 2").figures(
-        1.0 - f["final/position"][1, 2], 0.5 * G, 1e-12, EXACT, "m"
-    )
-    compare("free fall for 1 s: speed", "g t").figures(-f["final/velocity"][0, 2], G, 1e-12, EXACT, "m/s")
-    compare("free fall for 1 s: work of the weight", "m g^2 t^2 / 2").figures(
-        f["history/external_work"][-1], HALF * np.sqrt(10) * G**2, 1e-12, EXACT, "J"
-    )
+    (one, other), speed = f["final/position"][:, 2], f["final/velocity"][0, 2]
+    work, by_hand = f["history/external_work"][-1], HALF * np.sqrt(10) * G**2
+    for what, source, ours, theirs, unit in (
+        ("way", "g t^2 / 2", -one, 0.5 * G, "m"),
+        ("way of the other end", "g t^2 / 2", 1.0 - other, 0.5 * G, "m"),
+        ("speed", "g t", -speed, G, "m/s"),
+        ("work of the weight", "m g^2 t^2 / 2", work, by_hand, "J"),
+    ):
+        compare(f"free fall for 1 s: {what}", source).figures(ours, theirs, 1e-12, EXACT, unit)
 
 
 def test_taut_string(both_ways, compare):
@@ -75,10 +74,11 @@ def test_taut_string(both_ways, compare):
     shapes = np.sin(np.pi * np.outer([1, 2, 3], x) / L)
     shapes[:, -1] = 0.0
     L0 = L / n / (1 + T / EA)
-    nodes = table(
-        "id,x,y,z,fixed", ((k, x[k], 0.0, a * shapes[:, k].sum(), int(k in (0, n))) for k in range(n + 1))
+    rows = ((k, x[k], 0.0, a * shapes[:, k].sum(), int(k in (0, n))) for k in range(n + 1))
+    tables = (
+        table("id,x,y,z,fixed", rows),
+        table("start,end,unstressed_length", ((k, k + 1, L0) for k in range(n))),
     )
-    tables = nodes, table("start,end,unstressed_length", ((k, k + 1, L0) for k in range(n)))
     f = both_ways.solve(BARE + timing(0.3, dt, 100, frames=300), *tables)
     t, z = f["VTKHDF/Steps/Values"][:], tracks(f)[:, :, 2]
     mu = 2 * HALF * L0 * n / L  # mass of a metre of taut string
@@ -132,39 +132,33 @@ def test_elastic_wave(both_ways, compare):
     s, j = np.arange(steps + 1)[:, None], np.arange(n + 1)[None]
     unit = P_WAVE * L_LINK / EA  # m, of a step
     reach = lambda way: np.maximum(way, 0)
-    echo = lambda sign: sum(
-        sign**m * (reach(s - j - 2 * m * n) + sign * reach(s + j - 2 * (m + 1) * n)) for m in (0, 1, 2)
-    )
+    there, back = lambda m: reach(s - j - 2 * m * n), lambda m: reach(s + j - 2 * (m + 1) * n)
+    echo = lambda sign: sum(sign**m * (there(m) + sign * back(m)) for m in (0, 1, 2))
     u = tracks(f)[:, :, 0]
     u = u - u[0]
     fixed, free = -u[:, : n + 1] / unit, -u[:, n + 1 :] / unit
     N = {e: f["history/probe_tension"][:, k] - T_WAVE for k, e in enumerate(f["history/probe_element"][:])}
     passes = {e: np.interp(0.5, N[e][: n + 5] / P_WAVE, np.arange(n + 5)) * dt for e in (5, 54)}
     way = 49 * L_LINK * (1 + T_WAVE / EA)
-    compare("wave along a taut cable: speed", "sqrt(EA / mu), stretched").figures(
-        way / (passes[54] - passes[5]), C_WAVE * (1 + T_WAVE / EA), within, why, "m/s"
-    )
-    compare("the same: tension behind the front", "P").figures(N[20][n - 10], P_WAVE, within, why, "N")
-    compare("the same: tension at the fixed end", "2 P").figures(
-        N[n - 1][n + 10], 2 * P_WAVE, within, why, "N"
-    )
-    compare("the same: speed behind the front", "P c / EA").figures(
-        (free[40, 20] - free[39, 20]) * unit / dt, P_WAVE * C_WAVE / EA, within, why, "m/s"
-    )
-    compare("the same: speed of the free end", "2 P c / EA").figures(
-        (free[n + 20, n] - free[n + 19, n]) * unit / dt, 2 * P_WAVE * C_WAVE / EA, within, why, "m/s"
-    )
-    why, mirrored = "square of the Courant number, 2e-9 short of 1", fixed[: 2 * n] - fixed[: 2 * n : -1]
-    for name, ours, theirs in (("fixed", fixed, echo(-1)), ("free", free, echo(1))):
-        compare(
-            f"the same, far end {name}, all places and times: largest difference", "d'Alembert, with echoes"
-        ).error(unit * np.abs(ours - theirs).max(), 1e-8, why, "m", scale=unit * theirs.max())
-    compare("the cable at rest after 2 L / c, then back: x(T/2 + s) - x(T/2 - s)", "reversal of time").error(
-        unit * np.abs(mirrored).max(), 1e-8, why, "m", scale=2 * n * unit
-    )
-    compare("the same, after 4 L / c: distance from the start", "reversal of time").error(
-        unit * np.abs(fixed[-1]).max(), 1e-8, why, "m", scale=2 * n * unit
-    )
+    speed, moves, fast = way / (passes[54] - passes[5]), P_WAVE * C_WAVE / EA, C_WAVE * (1 + T_WAVE / EA)
+    of_front, of_end = ((free[k] - free[k - 1]) * unit / dt for k in (40, n + 20))
+    for case, source, ours, theirs, units in (
+        ("wave along a taut cable: speed", "sqrt(EA / mu), stretched", speed, fast, "m/s"),
+        ("the same: tension behind the front", "P", N[20][n - 10], P_WAVE, "N"),
+        ("the same: tension at the fixed end", "2 P", N[n - 1][n + 10], 2 * P_WAVE, "N"),
+        ("the same: speed behind the front", "P c / EA", of_front[20], moves, "m/s"),
+        ("the same: speed of the free end", "2 P c / EA", of_end[n], 2 * moves, "m/s"),
+    ):
+        compare(case, source).figures(ours, theirs, within, why, units)
+    echoes, reversal, mirrored = "d'Alembert, with echoes", "reversal of time", fixed[: 2 * n : -1]
+    why, everywhere = "square of the Courant number, 2e-9 short of 1", "all places and times: difference"
+    for case, source, off, size in (
+        (f"the same, far end fixed, {everywhere}", echoes, fixed - echo(-1), echo(-1).max()),
+        (f"the same, far end free, {everywhere}", echoes, free - echo(1), echo(1).max()),
+        ("cable at rest after 2 L / c: x(T/2 + s) - x(T/2 - s)", reversal, fixed[: 2 * n] - mirrored, 2 * n),
+        ("the same, after 4 L / c: distance from the start", reversal, fixed[-1], 2 * n),
+    ):
+        compare(case, source).error(unit * np.abs(off).max(), 1e-8, why, "m", scale=unit * size)
 
 
 def test_wave_of_a_lumped_cable(both_ways, compare):
@@ -178,13 +172,10 @@ def test_wave_of_a_lumped_cable(both_ways, compare):
     # the steps bring each wave forward by its (omega dt)^2 / 24
     late = (2 * courant) ** 2 / 24 * (z * np.abs(jvp(2 * j + 1, z, 2))).max()
     why = "steps: (omega dt)^2 / 24 of every wave's phase"
-    compare(
-        "wave of a cable of masses, short steps: largest difference of a tension",
-        "series of Bessel functions",
-    ).error(np.abs(N - ripple(z)).max(), 1.2 * late, why, "N", scale=P_WAVE)
-    compare("the same: tension in the first crest", "integral of J(41) to its first zero").figures(
-        crest(z, N), ripple(jn_zeros(2 * j + 1, 1)[0]), 1.2 * late, why, "N"
-    )
+    case = compare("wave of a cable of masses: largest difference of a tension", "series of Bessel functions")
+    case.error(np.abs(N - ripple(z)).max(), 1.2 * late, why, "N", scale=P_WAVE)
+    case = compare("the same: tension in the first crest", "integral of J(41) to its first zero")
+    case.figures(crest(z, N), ripple(jn_zeros(2 * j + 1, 1)[0]), 1.2 * late, why, "N")
 
 
 def test_pendulums(both_ways, compare):
@@ -195,17 +186,14 @@ def test_pendulums(both_ways, compare):
     for k, angle in enumerate(angles):
         y, phi = 10.0 * k, np.deg2rad(angle)
         L0 = L / (1 + mass * G * np.cos(phi) / EA)  # starts without a jerk along the bar
-        nodes += [
-            (2 * k, 0.0, y, 0.0, 1, 0.0, 0.0),
-            (2 * k + 1, L * np.sin(phi), y, -L * np.cos(phi), 0, 10.0, -(10.0 + L0 * HALF) * G),
-        ]
+        weight = -(10.0 + L0 * HALF) * G
+        nodes.append((2 * k, 0.0, y, 0.0, 1, 0.0, 0.0))
+        nodes.append((2 * k + 1, L * np.sin(phi), y, -L * np.cos(phi), 0, 10.0, weight))
         elements.append((2 * k, 2 * k + 1, L0))
-    text = BARE.replace("modulus", 'kind = "bar"\nmodulus') + timing(
-        1.3, dt, 10, [row[1:3] for row in nodes[1::2]]
-    )
-    f = both_ways.solve(
-        text, table("id,x,y,z,fixed,mass,load_z", nodes), table("start,end,unstressed_length", elements)
-    )
+    text = BARE.replace("modulus", 'kind = "bar"\nmodulus')
+    text += timing(1.3, dt, 10, [row[1:3] for row in nodes[1::2]])
+    tables = table("id,x,y,z,fixed,mass,load_z", nodes), table("start,end,unstressed_length", elements)
+    f = both_ways.solve(text, *tables)
     t = f["history/time"][:]
     assert np.abs(f["history/energy_balance_error"][:]).max() < 1e-5
     for k, angle in enumerate(angles):
@@ -215,9 +203,8 @@ def test_pendulums(both_ways, compare):
         # mean of the elongation's effect on inertia and energy
         late = 3.75 * mass * G / EA * (2 * ellipe(m) / ellipk(m) - 1 - np.cos(phi)) + G / L * dt**2 / 24
         theirs, why = 4 * np.sqrt(L / G) * ellipk(m), "elongation of the bar under the swing"
-        compare(f"pendulum let go at {angle} degrees: period", "elliptic integral").figures(
-            4 * crossings(t, x)[0], theirs, 1.5 * late, why, "s"
-        )
+        case = compare(f"pendulum let go at {angle} degrees: period", "elliptic integral")
+        case.figures(4 * crossings(t, x)[0], theirs, 1.5 * late, why, "s")
         way = 1 - np.cos(phi)
         # by the elongation's own swing, and by energy and inertia
         change = mass * G / EA * abs(6 * way - 9 * way**2) / (1 + 2 * way)
@@ -229,12 +216,10 @@ def test_swing_across_two_cables(both_ways, compare):
     """A mass released far off the line of two taut cables: its hardening vibration by quadrature."""
     modulus, L0, T, carried, a, dt = 1.95e9, 5.0, 10e3, 500.0, 1.0, 2e-3
     k, b, mass = modulus * A / L0, L0 * (1 + T / (modulus * A)), carried + 2 * L0 * HALF
-    nodes = table(
-        "id,x,y,z,fixed,mass",
-        [(0, -b, 0.0, 0.0, 1, 0.0), (1, 0.0, 0.0, a, 0, carried), (2, b, 0.0, 0.0, 1, 0.0)],
-    )
-    tables = nodes, table("start,end,unstressed_length", [(0, 1, L0), (1, 2, L0)])
-    f = both_ways.solve(soft(modulus) + timing(1.36, dt, 1, [(0, 0)]), *tables)
+    rows = (0, -b, 0.0, 0.0, 1, 0.0), (1, 0.0, 0.0, a, 0, carried), (2, b, 0.0, 0.0, 1, 0.0)
+    elements = table("start,end,unstressed_length", [(0, 1, L0), (1, 2, L0)])
+    text = soft(modulus) + timing(1.36, dt, 1, [(0, 0)])
+    f = both_ways.solve(text, table("id,x,y,z,fixed,mass", rows), elements)
     V = lambda q: k * (np.hypot(b, q) - L0) ** 2
     # over q = a sin s; even about its end, where it is 0 / 0
     slowness = lambda s: a * np.cos(s) / np.sqrt(2 / mass * (V(a) - V(a * np.sin(s))))
@@ -242,31 +227,23 @@ def test_swing_across_two_cables(both_ways, compare):
     t, z = f["history/time"][:], a + f["history/probe_displacement"][:, 0, 2]
     path, zero = CubicSpline(t, z), crossings(t, z)
     omega2 = 2 * k * (1 - L0 * b**2 / np.hypot(b, a) ** 3) / mass  # the stiffest, at the turning point
-    why = "steps: (omega dt)^2 / 24 where it is stiffest"
-    compare("mass swinging across two cables: period", "quadrature of the energy").figures(
-        2 * np.diff(zero).mean(), period, omega2 * dt**2 / 24, why, "s"
-    )
-    splines = 2 * (omega2 * dt**2) ** 2 / 384
-    turn = zero[:-1] + np.diff(zero) / 2
-    compare("the same: turning point on the other side", "mirror image").figures(
-        path(turn[0]), -a, splines, "the scheme mirrors too; splines between the steps", "m"
-    )
+    case, why = "mass swinging across two cables: period", "steps: (omega dt)^2 / 24 where it is stiffest"
+    ours, within = 2 * np.diff(zero).mean(), omega2 * dt**2 / 24
+    compare(case, "quadrature of the energy").figures(ours, period, within, why, "s")
+    splines, why = 2 * (omega2 * dt**2) ** 2 / 384, "the scheme mirrors too; splines between the steps"
+    turn, case = zero[:-1] + np.diff(zero) / 2, "the same: turning point on the other side"
+    compare(case, "mirror image").figures(path(turn[0]), -a, splines, why, "m")
     s = np.linspace(0, turn[0] - dt, 200)
-    back = np.abs(path(turn[0] + s) - path(turn[0] - s)).max()
-    compare("the same: x(T/2 + s) - x(T/2 - s), largest", "reversal of time").error(
-        back, splines, "the scheme reverses too; splines between the steps", "m", scale=a
-    )
+    back, case = np.abs(path(turn[0] + s) - path(turn[0] - s)), "the same: x(T/2 + s) - x(T/2 - s), largest"
+    compare(case, "reversal of time").error(back.max(), splines, why, "m", scale=a)
 
 
 def test_snap_from_slack(both_ways, compare):
     """A falling mass is caught and thrown back: times, tension and height by parabola and sinusoid."""
     modulus, L0, h, dt = 1.95e8, 10.0, 1.0, 1e-3
     k, mass = modulus * A / L0, 100.0 + L0 * HALF
-    nodes = table(
-        "id,x,y,z,fixed,mass,load_x",
-        [(0, 0.0, 0.0, 0.0, 1, 0.0, 0.0), (1, L0 - h, 0.0, 0.0, 0, 100.0, mass * G)],
-    )
-    tables = nodes, table("start,end,unstressed_length", [(0, 1, L0)])
+    rows = (0, 0.0, 0.0, 0.0, 1, 0.0, 0.0), (1, L0 - h, 0.0, 0.0, 0, 100.0, mass * G)
+    tables = table("id,x,y,z,fixed,mass,load_x", rows), table("start,end,unstressed_length", [(0, 1, L0)])
     f = both_ways.solve(soft(modulus) + timing(1.35, dt, 1, [(L0 - h, 0)]), *tables)
     t = f["history/time"][:]
     way = f["history/probe_displacement"][:, 0, 0]
@@ -279,36 +256,29 @@ def test_snap_from_slack(both_ways, compare):
     # where the straight line through two rows is zero
     line = lambda m, n: t[m] - N[m] * (t[n] - t[m]) / (N[n] - N[m])
     begin, end = line(taut[0], taut[1]), line(taut[-1], taut[-2])
-    kinks = (omega * dt) ** 2 / 8
-    compare("mass on a slack cable: way until it is taut, largest difference", "g t^2 / 2").error(
-        np.abs(way - G * t**2 / 2)[falling].max(), 1e-12, EXACT, "m", scale=h
-    )
-    compare("the same: time at which it is caught", "sqrt(2 h / g)").figures(
-        begin, caught, (dt / caught) ** 2, "line through two rows: g dt^2 over the speed", "s"
-    )
-    peak, why = k * (sag + np.hypot(sag, speed / omega)), "kink and crest between steps: (omega dt)^2 / 8"
-    compare("the same: largest tension", "F + sqrt(F^2 + 2 k F h)").figures(N.max(), peak, kinks, why, "N")
-    compare("the same: time for which it is taut", "half a swing and more").figures(
-        end - begin, held, kinks, "steps and kinks: (omega dt)^2 / 8", "s"
-    )
+    off = np.abs(way - G * t**2 / 2)[falling].max()
+    case = compare("mass on a slack cable: way until it is taut, largest difference", "g t^2 / 2")
+    case.error(off, 1e-12, EXACT, "m", scale=h)
     last = taut[-1] + 1 + np.argmin(way[taut[-1] + 1 :])
     # free again: a parabola
     a, b, c = np.polyfit(t[last - 1 : last + 2] - t[last], way[last - 1 : last + 2], 2)
-    compare("the same: height to which it is thrown back", "height of the start").figures(
-        h - (c - b * b / (4 * a)), h, 2 * kinks, "two kinks: (omega dt)^2 / 8 of the speed", "m"
-    )
-    compare("the same: time of the return", "parabola, sinusoid, parabola").figures(
-        t[last] - b / (2 * a), 2 * caught + held, kinks, "steps and kinks: (omega dt)^2 / 8", "s"
-    )
+    peak, kinks = k * (sag + np.hypot(sag, speed / omega)), (omega * dt) ** 2 / 8
+    high, back, late = h - (c - b * b / (4 * a)), t[last] - b / (2 * a), (dt / caught) ** 2
+    why, straight = "kinks and crest: (omega dt)^2 / 8", "line through two rows: g dt^2 over the speed"
+    for case, source, ours, theirs, within, because, unit in (
+        ("time at which it is caught", "sqrt(2 h / g)", begin, caught, late, straight, "s"),
+        ("largest tension", "F + sqrt(F^2 + 2 k F h)", N.max(), peak, kinks, why, "N"),
+        ("time for which it is taut", "half a swing and more", end - begin, held, kinks, why, "s"),
+        ("height to which it is thrown back", "height of the start", high, h, 2 * kinks, why, "m"),
+        ("time of the return", "parabola, sinusoid, parabola", back, 2 * caught + held, kinks, why, "s"),
+    ):
+        compare(f"the same: {case}", source).figures(ours, theirs, within, because, unit)
 
 
 def test_two_masses_on_a_chain(both_ways, compare):
     """Released on a taut chain: each row is the sum of two modes of the difference equation."""
-    lengths = np.array([6.0, 4.0])
-    carried = np.array([800.0, 300.0])
-    moved = np.array([1e-3, -3e-4])
-    T = 150e3
-    dt = 1e-4
+    lengths, carried, moved = np.array([[6.0, 4.0], [800.0, 300.0], [1e-3, -3e-4]])  # m, kg, m
+    T, dt = 150e3, 1e-4
     k, mass = EA / lengths, carried + HALF * np.array([10.0, 4.0])
     rest = np.cumsum(lengths * (1 + T / EA))
     x = rest + moved
@@ -348,12 +318,10 @@ def test_order_of_accuracy(both_ways, compare):
         nodes = table("id,x,y,z,fixed,mass,load_z", [(1, *end, 0, mass, load), (0, *at, 1, 0.0, 0.0)])
         text = soft(modulus) + timing(0.5, 2e-3, 5, [(end[0], 0.0)], damping=zeta)
         job = both_ways.job(text, nodes, table("start,end,unstressed_length", [(0, 1, length)]))
-        positions[k] = [
-            both_ways.run(
-                job, "--set", f"dynamics.time_step={h}", ranks=2 if h == 2e-3 else 1, output=f"{k}-{h}.vtkhdf"
-            )
-            for h in (2e-3, 1e-3, 5e-4)
-        ]
+        positions[k] = []
+        for h, ranks in (2e-3, 2), (1e-3, 1), (5e-4, 1):
+            step = "--set", f"dynamics.time_step={h}"
+            positions[k].append(both_ways.run(job, *step, ranks=ranks, output=f"{k}-{h}.vtkhdf"))
     t = positions[0][0]["history/time"][:]
     mass, omega2 = carried + 1.99 * HALF, EA / L0 / (1000.0 + L0 * HALF)
     omega = np.sqrt(omega2 - zeta**2 / 4)
@@ -362,14 +330,11 @@ def test_order_of_accuracy(both_ways, compare):
 
     def rate(_, s):
         arm = s[:2] - [3.0, 0.0]
-        return [
-            *s[2:],
-            *(-soft_k * (1 - 1.99 / np.hypot(*arm)) * arm / mass - zeta * s[2:] - [0.0, carried * G / mass]),
-        ]
+        pull = -soft_k * (1 - 1.99 / np.hypot(*arm)) * arm / mass
+        return [*s[2:], *(pull - zeta * s[2:] - [0.0, carried * G / mass])]
 
-    swing = (
-        solve_ivp(rate, (0, t[-1]), [*start, 0.0, 0.0], "DOP853", t, rtol=1e-12, atol=1e-13).y[:2].T - start
-    )
+    path = solve_ivp(rate, (0, t[-1]), [*start, 0.0, 0.0], "DOP853", t, rtol=1e-12, atol=1e-13)
+    swing = path.y[:2].T - start
     for name, source, k, axes, theirs, fast in (
         ("damped oscillator", "closed form", 0, [2], down, omega2),
         ("mass that swings on a soft cable", "integration to 1e-12", 1, [0, 2], swing, soft_k / mass),
@@ -377,9 +342,8 @@ def test_order_of_accuracy(both_ways, compare):
         errors = [np.linalg.norm(f["history/probe_displacement"][:, 0, axes] - theirs) for f in positions[k]]
         for h, pair in zip((2e-3, 1e-3), itertools.pairwise(errors)):
             order, why = np.log2(pair[0] / pair[1]), "next term of the phase: 9/80 (omega h)^2 of the first"
-            compare(f"{name}, step of {h * 1e3:g} ms and half of it: order of the error", source).figures(
-                order, 2.0, 0.075 * fast * h * h, why
-            )
+            case = compare(f"{name}, step of {h * 1e3:g} ms and half of it: order of the error", source)
+            case.figures(order, 2.0, 0.075 * fast * h * h, why)
 
 
 def test_order_of_accuracy_of_a_net(both_ways, compare):
