@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 from conftest import STEEL, Workshop
+from nets import table
 from scipy.linalg import expm
 from scipy.signal import csd
 
@@ -15,21 +16,15 @@ C = 0.5 * 1.25 * 0.02 * 30.0**2 / 3  # N, force on the middle particle at 1 m/s
 SEEDS, DURATION, SKIPPED = (1, 2, 3), 3000.0, 60.0
 FIT, FIT_COHERENCE = 0.09, 0.08  # by which default lags miss half octaves and coherences at most
 
+CORNER = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 # a square of threads without stiffness, whose faces give the middle particle a third of the square; it stands
 # on a tie of stiffness k
-CORNERS = "".join(
-    f"{k},{x},{y},{{z}},1,0,0\n"
-    for k, (x, y) in enumerate(((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)), 2)
-).replace("0.5,", f"{0.5 * SIDE},")
-THREADS = (
-    "start,end,group\n1,2,thread\n1,3,thread\n1,4,thread\n"
-    "1,5,thread\n2,3,thread\n3,4,thread\n4,5,thread\n5,2,thread\n"
-)
+CORNERS = "".join(f"{k + 2},{x},{y},{{z}},1,0,0\n" for k, (x, y) in enumerate(SIDE / 2 * CORNER))
+ENDS = *((1, k) for k in range(2, 6)), (2, 3), (3, 4), (4, 5), (5, 2)
+THREADS = table("start,end,group", ((*pair, "thread") for pair in ENDS))
 LIMP = "[cable]\nmodulus = 1.0\narea = 1e-12\ndensity = 1.0\n"
 NODES = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,0,{MASS},0\n" + CORNERS.format(z=0) + f"6,0,0,{-TIE},1,0,0\n"
-OSCILLATOR = (
-    LIMP
-    + f"""[group.tie]
+OSCILLATOR = f"""{LIMP}[group.tie]
 kind = "bar"
 modulus = {EA / 1e-4}
 area = 1e-4
@@ -53,7 +48,6 @@ history_interval = {{history}}
 frames = 1
 probes = [[0, 0]]
 """
-)
 LUMP = MASS + 0.5 * 1e-4 * TIE  # kg, with half of the tie
 OMEGA = np.sqrt(EA / TIE / LUMP)
 
@@ -113,9 +107,8 @@ def test_mean_and_variance(storms, gusts, compare):
         U0 + np.mean(gusts), U0, 3 * slow / U0, "3 standard deviations: sqrt(S max / 2 T)", "m/s"
     )
     ours, theirs = np.mean([u.var(0) for u in gusts]), 6 * K * U0**2 * (1 - BEYOND)
-    compare("the same: variance", "6 k U0^2 below half the sampling frequency").figures(
-        ours, theirs, 3 * scatter(n), "3 standard deviations", "m2/s2"
-    )
+    case = compare("the same: variance", "6 k U0^2 below half the sampling frequency")
+    case.figures(ours, theirs, 3 * scatter(n), "3 standard deviations", "m2/s2")
 
 
 def spectra(gusts, i, j):
@@ -145,9 +138,8 @@ def measured_coherence(gusts, low, along):
 @pytest.mark.parametrize("low", 0.02 * 2.0 ** np.arange(7))
 def test_spectrum(gusts, compare, low):
     within, why = FIT + 3 * scatter(octave(low)), "fit of the default lags 9 %; 3 standard deviations"
-    compare(f"the same: spectrum, {low:.2f} to {2 * low:.2f} Hz", "Davenport").figures(
-        *measured_spectrum(gusts, low), within, why, "m2/s"
-    )
+    case = compare(f"the same: spectrum, {low:.2f} to {2 * low:.2f} Hz", "Davenport")
+    case.figures(*measured_spectrum(gusts, low), within, why, "m2/s")
 
 
 @pytest.mark.parametrize("low", 0.02 * 2.0 ** np.arange(5))
@@ -157,9 +149,8 @@ def test_coherence(gusts, compare, along, low):
     what = f"the same: coherence 15 m {'along' if along else 'across'} the wind"
     within = FIT_COHERENCE + 3 * (1 - expected**2) / np.sqrt(2 * low * TOTAL)
     why = "fit of the default lags 0.08; 3 standard deviations: (1 - coh^2) / sqrt(2 B T)"
-    compare(f"{what}, {low:.2f} to {2 * low:.2f} Hz", "Davenport").figures(
-        measured, expected, within, why, scale=1.0
-    )
+    case = compare(f"{what}, {low:.2f} to {2 * low:.2f} Hz", "Davenport")
+    case.figures(measured, expected, within, why, scale=1.0)
 
 
 def exact_oscillator(time, speed, at):
@@ -189,12 +180,10 @@ def test_oscillator_in_the_generated_wind(both_ways, compare):
     error = (OMEGA * 0.005) ** 2 / 24 / (0.5 * ZETA / OMEGA)
     rms = lambda values: np.sqrt(np.mean(values**2))
     because = "second order: frequency (omega dt)^2 / 24, over the damping ratio"
-    compare("oscillator in gusts, 60 s: largest displacement", "exact solution of each interval").figures(
-        z.max(), exact.max(), error, because, "m"
-    )
-    compare("the same: rms of the difference", "exact solution of each interval").error(
-        rms(z - exact), error * rms(exact), because, "m"
-    )
+    case = compare("oscillator in gusts, 60 s: largest displacement", "exact solution of each interval")
+    case.figures(z.max(), exact.max(), error, because, "m")
+    case = compare("the same: rms of the difference", "exact solution of each interval")
+    case.error(rms(z - exact), error * rms(exact), because, "m")
 
 
 def response(n):
@@ -211,9 +200,8 @@ def test_response_to_the_spectrum(storms, compare):
     slow = 2 * U0 * np.sqrt(S.max() / 2 / TOTAL)
     theirs, within = C * (U0**2 + variance) * TIE / EA, (3 * slow + BEYOND * variance) / (U0**2 + variance)
     why = "3 standard deviations of the mean speed; share of the variance beyond half the sampling frequency"
-    compare(f"oscillator, {STORMS}: mean displacement", "C (U0^2 + 6 k U0^2) / stiffness").figures(
-        np.mean(z), theirs, within, why, "m"
-    )
+    case = compare(f"oscillator, {STORMS}: mean displacement", "C (U0^2 + 6 k U0^2) / stiffness")
+    case.figures(np.mean(z), theirs, within, why, "m")
     R = np.fft.irfft(S) * count * dn  # covariance of the gust; that of its square is 2 R^2 (Gaussian process)
     full = C**2 * (4 * U0**2 * S + np.fft.rfft(2 * R**2).real / (count * dn))
     assert abs(over(n, full) / (C**2 * (4 * U0**2 * R[0] + 2 * R[0] ** 2)) - 1) < 1e-3
@@ -222,9 +210,8 @@ def test_response_to_the_spectrum(storms, compare):
     spread = np.sqrt(over(n, (H * full) ** 2) / TOTAL) / sigma**2
     ours = np.sqrt(np.mean([v.var() for v in z]))
     why = "half of: fit of the default lags 9 %; 3 standard deviations"
-    compare("the same: standard deviation", "integral of |H|^2 S, S with the square of the gust").figures(
-        ours, sigma, 0.5 * (FIT + 3 * spread), why, "m"
-    )
+    case = compare("the same: standard deviation", "integral of |H|^2 S, S with the square of the gust")
+    case.figures(ours, sigma, 0.5 * (FIT + 3 * spread), why, "m")
 
 
 @pytest.mark.parametrize("coefficient", [-1.3, 0.8])
@@ -232,13 +219,11 @@ def test_force_on_a_flat_roof_by_hand(both_ways, compare, coefficient):
     """A free particle in the middle of a flat square 30 m above ground:
     u_s A rho U^2 / 2 with a third of the square; suction lifts.
     """
-    text = LIMP
-    text += "[wind]\nonset = 'sudden'\nspeed = 30.0\nsurface_drag = 0.0\n"
-    text += f"pressure_coefficient = {coefficient}\nprofile_exponent = 0.2\nbase_height = 25.0\n[dynamics]\n"
+    text = LIMP + "[wind]\nonset = 'sudden'\nspeed = 30.0\nsurface_drag = 0.0\nprofile_exponent = 0.2\n"
+    text += f"pressure_coefficient = {coefficient}\nbase_height = 25.0\n[dynamics]\n"
     text += "duration = 1.0\ntime_step = 0.01\n"
-    f = both_ways.solve(
-        text, f"id,x,y,z,fixed,mass,load_z\n1,0,0,5,0,{MASS},0\n" + CORNERS.format(z=5), THREADS
-    )
+    nodes = f"id,x,y,z,fixed,mass,load_z\n1,0,0,5,0,{MASS},0\n" + CORNERS.format(z=5)
+    f = both_ways.solve(text, nodes, THREADS)
     force = -coefficient * SIDE**2 / 3 * 0.5 * 1.25 * (30.0 * 3.0**0.2) ** 2
     case = f"particle of a flat roof at 30 m height, u_s = {coefficient}: way in 1 s"
     way, why = f["final/position"][0, 2] - 5, "central difference is exact for a constant force"
@@ -246,18 +231,15 @@ def test_force_on_a_flat_roof_by_hand(both_ways, compare, coefficient):
 
 
 def test_profile_of_the_mean_speed(both_ways, compare):
-    f = both_ways.solve(
-        '[net]\ngenerator = "saddle"\n[net.saddle]\nrise = 8.0\n'
-        + STEEL
-        + "[form_finding]\nmodulus_factor = 0\n"
-        "[wind]\nonset = 'sudden'\nspeed = 30.0\npressure_coefficient = -1.0\n"
-        "surface_drag = 0.03\ngust_field = 'point'\n"
-        "profile_exponent = 0.2\nbase_height = 30.0\n[dynamics]\nduration = 0.1\n"
+    text = (
+        f'[net]\ngenerator = "saddle"\n[net.saddle]\nrise = 8.0\n{STEEL}[form_finding]\nmodulus_factor = 0\n'
     )
+    text += "[wind]\nonset = 'sudden'\nspeed = 30.0\npressure_coefficient = -1.0\nsurface_drag = 0.03\n"
+    text += "gust_field = 'point'\nprofile_exponent = 0.2\nbase_height = 30.0\n[dynamics]\nduration = 0.1\n"
+    f = both_ways.solve(text)
     z, U = f["wind/control_point"][:, 2] + 30.0, f["wind/mean_speed"][:]
     assert np.ptp(z) > 5
     expected = 30 * (z / 10) ** 0.2
     worst = np.abs(U - expected).argmax()
-    compare(f"mean speed at {len(z)} heights: the one farthest off", "U0 (z / 10 m)^0.2").figures(
-        U[worst], expected[worst], 1e-14, "a formula; rounding", "m/s"
-    )
+    case = compare(f"mean speed at {len(z)} heights: the one farthest off", "U0 (z / 10 m)^0.2")
+    case.figures(U[worst], expected[worst], 1e-14, "a formula; rounding", "m/s")
