@@ -57,13 +57,11 @@ def reference(name: str, folder, case: dict) -> dict:
         with np.load(STORED) as f:
             stored = dict(f)
     if store:
-        stored = {key: values for key, values in stored.items() if not key.startswith(f"{name}/")} | {
-            f"{name}/{key}": values for key, values in now.items()
-        }
+        stored = {key: values for key, values in stored.items() if not key.startswith(f"{name}/")}
+        stored |= {f"{name}/{key}": values for key, values in now.items()}
         np.savez_compressed(STORED, **stored)
-    theirs = {
-        key.removeprefix(f"{name}/"): values for key, values in stored.items() if key.startswith(f"{name}/")
-    }
+    own = [key for key in stored if key.startswith(f"{name}/")]
+    theirs = {key.removeprefix(f"{name}/"): stored[key] for key in own}
     for key, values in now.items():
         # rounding, as in the rows below
         assert np.abs(values - theirs[key]).max() <= 1e-9 * np.abs(theirs[key]).max(), key
@@ -145,36 +143,28 @@ def state_at(f, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 def compare_states(compare, what: str, f, theirs: dict, name: str, within: tuple, because: str, stride=1):
     """Compare displacements and tensions of a state, the largest and all."""
-    (d, N), (largest_d, largest_N) = state_at(f, name), theirs[f"{name}_largest"]
-    compare(f"{what}: largest displacement", OPENSEES, THEME).figures(
-        np.linalg.norm(d, axis=1).max(), largest_d, within[0], because, "m"
-    )
-    compare(f"{what}: largest tension", OPENSEES, THEME).figures(N.max(), largest_N, within[1], because, "N")
+    (d, N), most = state_at(f, name), theirs[f"{name}_largest"]
+    of = lambda case: compare(f"{what}: {case}", OPENSEES, THEME)
+    of("largest displacement").figures(np.linalg.norm(d, axis=1).max(), most[0], within[0], because, "m")
+    of("largest tension").figures(N.max(), most[1], within[1], because, "N")
     where = "anywhere" if stride == 1 else f"at every {stride}th"
-    worst = lambda ours, others: np.abs(ours[::stride] - others).max()
-    compare(f"{what}: displacement {where}, of the largest", OPENSEES, THEME).error(
-        worst(d, theirs[f"{name}_displacement"]) / largest_d, within[0], because
-    )
-    compare(f"{what}: tension {where}, of the largest", OPENSEES, THEME).error(
-        worst(N, theirs[f"{name}_tension"]) / largest_N, within[1], because
-    )
+    for quantity, ours, largest, bound in zip(("displacement", "tension"), (d, N), most, within):
+        off = np.abs(ours[::stride] - theirs[f"{name}_{quantity}"]).max() / largest
+        of(f"{quantity} {where}, of the largest").error(off, bound, because)
 
 
 def history_error(f, theirs: dict) -> np.ndarray:
     """Return the largest differences over all rows, relative to the largest displacement and tension."""
-    pairs = (
-        (f["history/probe_displacement"][1:], theirs["displacement"]),
-        (f["history/probe_tension"][1:], theirs["tension"]),
-    )
+    names = "displacement", "tension"
+    pairs = [(f[f"history/probe_{name}"][1:], theirs[name]) for name in names]
     return np.array([np.abs(ours - others).max() / np.abs(others).max() for ours, others in pairs])
 
 
 def compare_histories(compare, what: str, f, theirs: dict, within: tuple, because: str) -> None:
     """Compare the histories at the probes."""
     for quantity, error, bound in zip(("displacement", "tension"), history_error(f, theirs), within):
-        compare(f"{what}: {quantity} at any time, of the largest", OPENSEES, THEME).error(
-            error, bound, because
-        )
+        case = compare(f"{what}: {quantity} at any time, of the largest", OPENSEES, THEME)
+        case.error(error, bound, because)
 
 
 def rounding(
@@ -190,10 +180,8 @@ def rounding(
     EA, mass, time = case["EA"][0], np.median(case["mass"][case["fixed"][:, 0] == 0]), f["history/time"][-1]
     way = 0.5 * (2 * EA * np.finfo(float).eps / mass) * time**2
     d, N = np.abs(theirs["displacement"]).max(), np.abs(theirs["tension"]).max()
-    return (
-        way / d,
-        EA / slack_length * way / N if slack_length else way / d,
-    ), f"the same scheme and step: the last bit of the strains, EA 4e-16, pushing for {time:g} s"
+    shares = way / d, EA / slack_length * way / N if slack_length else way / d
+    return shares, f"the same scheme and step: the last bit of the strains, EA 4e-16, pushing for {time:g} s"
 
 
 def fastest_square(case: dict) -> float:
@@ -232,25 +220,15 @@ def test_the_element_of_opensees_has_the_expected_law(tmp_path, stretch):
     needs_opensees()
     L0, EA = 10.0, 1e6
     x = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -L0 * (1 + stretch)]])
-    case = {
-        "x": x,
-        "fixed": np.array([[1, 1, 1], [1, 1, 0]]),
-        "elements": np.array([[0, 1]]),
-        "L0": np.array([L0]),
-        "EA": np.array([EA]),
-        "mass": np.ones(2),
-        "static": np.array([[0, 0, 0], [0, 0, -2e3]]),
-        "rows": 0,
-        "fine": [],
-        "stride": 1,
-    }
+    case = {"x": x, "fixed": np.array([[1, 1, 1], [1, 1, 0]]), "elements": np.array([[0, 1]])}
+    case |= {"L0": np.array([L0]), "EA": np.array([EA]), "mass": np.ones(2), "rows": 0, "fine": []}
+    case |= {"static": np.array([[0, 0, 0], [0, 0, -2e3]]), "stride": 1}
     if stretch < 0:  # without stiffness until it is taut: held, and without force
         case["fixed"] = np.ones((2, 3), int)
     tensions = opensees(tmp_path, case)
     assert np.isclose(tensions["static_tension"][0], 2e3 if stretch > 0 else 0.0, rtol=1e-12)
-    assert stretch < 0 or np.isclose(
-        tensions["static_displacement"][1, 2], -(L0 * (1 + 2e3 / EA) - L0 * (1 + stretch)), rtol=1e-10
-    )
+    moved = -(L0 * (1 + 2e3 / EA) - L0 * (1 + stretch))
+    assert stretch < 0 or np.isclose(tensions["static_displacement"][1, 2], moved, rtol=1e-10)
 
 
 def test_saddle_under_static_load_and_then_wind(both_ways, compare):
@@ -276,11 +254,8 @@ history_interval = 0.025
 probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
 """
     f = both_ways.solve(shipped("saddle") + text)
-    theirs = reference(
-        "saddle",
-        both_ways.folder,
-        make_case(f, SADDLE, vertical(f, 2000.0), saddle_wind(f, 40.0, 0.8), damping=0.5, every=250),
-    )
+    case = make_case(f, SADDLE, vertical(f, 2000.0), saddle_wind(f, 40.0, 0.8), damping=0.5, every=250)
+    theirs = reference("saddle", both_ways.folder, case)
     elastic(f, SADDLE)
     within, because = (1.1e-9, 1.1e-9), "residual: 1e-10 of 1800 kN is 1.1e-9 of the nodal load"
     compare_states(compare, "saddle, 2 kN/m2 upward", f, theirs, "static", within, because)
@@ -318,32 +293,26 @@ probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
     # the first, and thrice that in the ratio
     for name in ("displacement", "tension"):
         one, two, largest = size(f, name), size(double, name), np.abs(theirs[f"fine_{name}"]).max()
-        compare(f"{what}: {name} at any time, of the largest", FOURTH).error(
-            np.abs(one).max() / largest,
-            0.5 * np.abs(two - one).max() / largest,
-            "second order: a third of the change from twice the step, half as much again",
-        )
+        within, off = 0.5 * np.abs(two - one).max() / largest, np.abs(one).max() / largest
+        why = "second order: a third of the change from twice the step, half as much again"
+        compare(f"{what}: {name} at any time, of the largest", FOURTH).error(off, within, why)
+        ratio, within = np.sqrt(np.sum(two**2) / np.sum(one**2)), 0.34 * fastest_square(case) * STEP**2
+        why = "second order; next term of the fastest mode"
         compare(f"{what}: {name}, error of twice the step over error", FOURTH).figures(
-            np.sqrt(np.sum(two**2) / np.sum(one**2)),
-            4.0,
-            0.34 * fastest_square(case) * STEP**2,
-            "second order; next term of the fastest mode",
+            ratio, 4.0, within, why
         )
 
 
 def test_stadium_under_dead_load(both_ways, compare):
     """The stadium's cladding is applied slowly: 42 cables become slack."""
-    f = both_ways.solve(
-        shipped("stadium") + "[load]\nself_weight = false\ndead = 1000.0\nsteps = 1\ntolerance = 1e-10\n"
-    )
-    theirs = reference(
-        "stadium", both_ways.folder, make_case(f, STADIUM, vertical(f, -1000.0), dead=1000.0, stride=8)
-    )
+    load = "[load]\nself_weight = false\ndead = 1000.0\nsteps = 1\ntolerance = 1e-10\n"
+    f = both_ways.solve(shipped("stadium") + load)
+    case = make_case(f, STADIUM, vertical(f, -1000.0), dead=1000.0, stride=8)
+    theirs = reference("stadium", both_ways.folder, case)
     within, because = (2.2e-9, 2.2e-9), "residual: 1e-10 of 104 kN is 2.2e-9 of the nodal load"
     compare_states(compare, "stadium, 1 kN/m2 of cladding", f, theirs, "static", within, because, stride=8)
-    compare("the same: slack cables", OPENSEES).figures(
-        f["statics/slack"][-1], theirs["static_slack"], 0, "counted", scale=1.0
-    )
+    ours, others = f["statics/slack"][-1], theirs["static_slack"]
+    compare("the same: slack cables", OPENSEES).figures(ours, others, 0, "counted", scale=1.0)
 
 
 def test_stadium_under_sudden_dead_load(both_ways, compare):
@@ -365,9 +334,8 @@ history_interval = 0.025
 probes = [[0.0, 15.4], [0.0, 2.2], [22.0, 15.4]]
 """
     f = both_ways.solve(shipped("stadium") + text)
-    case = make_case(
-        f, STADIUM, sudden=vertical(f, -1000.0), dead=1000.0, damping=0.5, step=2.5e-4, every=100, stride=8
-    )
+    motion = dict(dead=1000.0, damping=0.5, step=2.5e-4, every=100, stride=8)
+    case = make_case(f, STADIUM, sudden=vertical(f, -1000.0), **motion)
     theirs = reference("stadium at once", both_ways.folder, case)
     elastic(f, STADIUM)
     assert f["history/slack"][:].max() > 300
