@@ -199,7 +199,7 @@ def test_a_gpu_gives_no_times_of_parts_of_a_step(tmp_path):
             environment=ENVIRONMENT | {"NUMBA_ENABLE_CUDASIM": str(int(device == "gpu"))},
         )
         with h5py.File(tmp_path / f"{device}.vtkhdf") as file:
-            assert ("dynamics: drift" in file["provenance/timings"].attrs) == (device == "cpu")
+            assert ("dynamics: positions" in file["provenance/timings"].attrs) == (device == "cpu")
 
 
 def test_a_study_warns_once_of_nets_that_do_not_fit_the_device(tmp_path):

@@ -43,7 +43,7 @@ class StopFlag:
 NEVER_STOP = StopFlag(signals=())
 
 
-STEP_PHASES = ("dynamics: forces and kick", "dynamics: exchange", "dynamics: drift", "dynamics: rows")
+STEP_PHASES = tuple(f"dynamics: {part}" for part in ("forces", "exchange", "positions", "rows"))
 
 
 class PhaseTimes:

@@ -41,7 +41,7 @@ CHECK_STEPS = 100_000
 MAX_CHECK_WORK = 200_000_000
 
 NAME = "dynamics"
-CHECKPOINT_FIELDS = ("before_dt", "made", "stride", "calm", "largest_work", "start_strain", "start_plastic")
+RECORDED = ("before_dt", "steps", "stride", "short_until", "largest_work", "start_strain", "start_plastic")
 
 
 def required(job: Job) -> bool:
@@ -78,7 +78,7 @@ def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outc
     except DivergedError:  # on every rank
         simulation.halo.free()
         raise
-    attributes = {"steps": simulation.made, "time_step": schedule.long_dt, "shortest_time_step": schedule.dt}
+    attributes = {"steps": simulation.steps, "time_step": schedule.long_dt, "shortest_time_step": schedule.dt}
     datasets = sections(problem, simulation) if context.result.is_stored else {}
     return Outcome(simulation, sections=datasets, attributes=attributes)
 
@@ -243,16 +243,16 @@ class Simulation(Stepper):
 
     def record(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the record that `restore` needs. Collective."""
-        small = {name: getattr(self, name) for name in CHECKPOINT_FIELDS}
-        small |= {"step": self.n, "widened": int(self.rows.last[0])}
+        small = {name: getattr(self, name) for name in RECORDED}
+        small |= {"step": self.n, "envelope_step": int(self.rows.last[0])}
         small["most_strained"] = largest_unlimited_strain_of_ranks(self.comm, self.history.most_strained)
         return small, {}
 
     def restore(self, small: dict[str, Any], _: dict[str, Any] | None) -> None:
         """Restore the record of an earlier run and its loads."""
-        for name in CHECKPOINT_FIELDS:
+        for name in RECORDED:
             setattr(self, name, small[name])
-        self.n, self.rows.last[:] = small["step"], small["widened"]
+        self.n, self.rows.last[:] = small["step"], small["envelope_step"]
         self.history.most_strained = tuple(small["most_strained"])
         self.result.losses = self.removal.done if self.removal else 0
         self.loads.update_samples(self.state)
@@ -302,7 +302,7 @@ class Simulation(Stepper):
 
         No evaluation is due while steps are long and nothing has broken or was removed.
         """
-        is_intact = self.stride > 1 and not self.calm and not (self.removal and self.removal.done)
+        is_intact = self.stride > 1 and not self.short_until and not (self.removal and self.removal.done)
         if self.detaching is None or is_intact:
             return self.schedule.steps
         if self.detaching.next_evaluation_step(self.n) == self.n:

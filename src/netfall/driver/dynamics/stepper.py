@@ -160,14 +160,14 @@ def is_long_step_stable(comm: MPI.Comm, state: State, halo: Halo, dt: float, mar
     return comm.allreduce(allowed, MPI.LAND)
 
 
-CALM_STEPS = 100  # number of long steps without a fracture, after which long steps are allowed again
+SHORT_SPAN = 100  # number of long steps without a fracture, after which long steps are allowed again
 
 
 class Stepper:
     """Net in motion at step number n, on one rank: x(n), v(n-1/2), and the fractures so far.
 
     While nothing breaks, a step is long: `stride` counted steps (`Schedule`).
-    made : steps so far, long or short; calm : step number from which steps may be long again
+    steps : number so far, long or short; short_until : step number from which steps may be long again
     """
 
     def __init__(self, problem: Problem, context: RunContext, loads: list[VaryingLoad], rows: RowTable):
@@ -201,8 +201,8 @@ class Stepper:
         self.distribution, self.subdomain, self.rows = distribution, distribution.subdomain, rows
         self.halo = Halo(problem.comm, self.subdomain, halo_width(self.state))
         self.plan = context.make_plan(self.state, self.halo, rules if breaks else None, rows, self.ground)
-        self.n, self.made, self.before_dt = 0, 0, 0.0
-        self.stride, self.calm = schedule.stride, 0
+        self.n, self.steps, self.before_dt = 0, 0, 0.0
+        self.stride, self.short_until = schedule.stride, 0
         self.slack, self.stopping = 0, False
         self.tearing = None
         if self.after_fracture == "panels":
@@ -224,7 +224,7 @@ class Stepper:
         """Step towards number `stop` with long or short steps.
 
         While nothing breaks, steps are long. If an element breaks, the state returns to the start of the long
-        step in which it broke. From there on steps are short, until nothing has broken for CALM_STEPS long
+        step in which it broke. From there on steps are short, until nothing has broken for SHORT_SPAN long
         steps. The choice depends only on the numbers of the steps in which elements break. It is therefore
         the same on any number of ranks, and independent of rows, snapshots and checkpoints.
         """
@@ -233,22 +233,22 @@ class Stepper:
             if long == 1:
                 self.advance_through_fractures(stop)
             elif self.advance_to_first_fracture(stop):
-                self.stride, self.calm = 1, self.n + CALM_STEPS * long
+                self.stride, self.short_until = 1, self.n + SHORT_SPAN * long
             return
-        self.advance_through_fractures(min(stop, self.calm))
+        self.advance_through_fractures(min(stop, self.short_until))
         local_steps = self.plan.logged_events()["step"]
         last_known = self.log.step[-1] if len(self.log) else -1
         last_fracture = self.comm.allreduce(int(local_steps.max(initial=last_known)), MPI.MAX)
-        self.calm = max(
-            self.calm, (last_fracture // long + 1 + CALM_STEPS) * long if last_fracture >= 0 else 0
+        self.short_until = max(
+            self.short_until, (last_fracture // long + 1 + SHORT_SPAN) * long if last_fracture >= 0 else 0
         )
-        if self.n == self.calm:
+        if self.n == self.short_until:
             long_dt, margin = self.schedule.long_dt, self.schedule.margin
             self.plan.collect()
             if is_long_step_stable(self.comm, self.state, self.halo, long_dt, margin):
                 self.stride = long
             else:
-                self.calm += CALM_STEPS * long
+                self.short_until += SHORT_SPAN * long
 
     def advance_through_fractures(self, stop: int) -> None:
         """Step to number `stop` with the short step, through any fractures."""
@@ -290,7 +290,7 @@ class Stepper:
 
     def _count_steps(self, steps: int) -> None:
         self.n += steps * self.stride
-        self.made += steps
+        self.steps += steps
         self.before_dt = self.dt if steps else self.before_dt
 
     def advance_block(self, stop: int) -> None:

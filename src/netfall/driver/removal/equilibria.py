@@ -29,7 +29,7 @@ PARTICLE_FIELDS = {each.name for each in FIELDS if each.entity == "particle"}  #
 MAX_REMOVAL_ITERATIONS = 100_000  # after which the damaged net counts as having no equilibrium
 
 
-NAME = "rests"
+NAME = "removal_equilibria"
 
 
 class RemovalOutcome(NamedTuple):
@@ -61,7 +61,7 @@ class RemovalEquilibria:
 
     def record(self, problem: Problem) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the record that `restore` needs; arrays by global numbers on rank 0. Collective."""
-        small = {"total": self.total, "rests": self.outcomes}
+        small = {"total": self.total, "outcomes": self.outcomes}
         arrays = {"tension": np.array(self.tension), "displacement": np.array(self.displacement)}
         for name, rows in self.best.items():
             is_of_particles = name in PARTICLE_FIELDS
@@ -73,7 +73,7 @@ class RemovalEquilibria:
     def restore(self, problem: Problem, small: dict[str, Any], arrays: dict[str, np.ndarray] | None) -> None:
         """Restore the record of an earlier run. arrays : on rank 0. Collective."""
         self.total = small["total"]
-        self.outcomes = [RemovalOutcome(state, tuple(elements)) for state, elements in small["rests"]]
+        self.outcomes = [RemovalOutcome(state, tuple(elements)) for state, elements in small["outcomes"]]
         self.tension = list(arrays["tension"]) if arrays else [None] * (1 + len(self.outcomes))
         self.displacement = list(arrays["displacement"]) if arrays else [None] * len(self.outcomes)
         distribution = problem.distribution

@@ -26,9 +26,9 @@ from netfall.physics.law.branches import add_branch_forces
 from netfall.physics.state import State
 from netfall.results.writer import text_dataset
 
-# (removals, m) [N] on rank 0, nan: not known. rest: in the equilibrium before the removal. lowest: nan for
+# (removals, m) [N] on rank 0, nan: not known. start: in the equilibrium before the removal. lowest: nan for
 # broken elements. moment: of bending in the equilibrium after it [N m].
-TENSION_NAMES = ("before", "highest", "lowest", "rest", "after", "moment")
+TENSION_NAMES = ("before", "highest", "lowest", "start", "after", "moment")
 MAX_FADING_STEPS = 1e6  # number of steps whose loads are added one by one
 MIN_TENSION_CHANGE = 1e-3  # of the largest tension [-]: a smaller change has no dynamic factor
 
@@ -57,7 +57,7 @@ class MemberRemoval:
             }
             if after:
                 forces, moments = np.moveaxis(np.array(after.tension), 2, 0)
-                self.tensions["rest"][:], self.tensions["after"][:] = forces[:-1], forces[1:]
+                self.tensions["start"][:], self.tensions["after"][:] = forces[:-1], forces[1:]
                 self.tensions["moment"][:] = moments[1:]
                 self.displacement = np.array(after.displacement)
 
@@ -169,7 +169,7 @@ class MemberRemoval:
     def record(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the record that `restore` needs; the tensions and the fading forces on rank 0."""
         forces = {str(k): fade.element_force for k, fade in self.fades.items() if fade.end_time < np.inf}
-        small = {"done": self.done, "rests": self.outcomes}
+        small = {"done": self.done, "outcomes": self.outcomes}
         return small, self.tensions | forces | {"displacement": self.displacement} if self.tensions else {}
 
     def restore(
@@ -183,7 +183,7 @@ class MemberRemoval:
         redistribute : called for each removal after its tensions have started to fade; arrays : on rank 0
         """
         self.done = small["done"]
-        self.outcomes = [RemovalOutcome(state, tuple(elements)) for state, elements in small["rests"]]
+        self.outcomes = [RemovalOutcome(state, tuple(elements)) for state, elements in small["outcomes"]]
         if arrays:
             self.tensions = {name: arrays[name] for name in TENSION_NAMES}
             self.displacement = arrays["displacement"]
@@ -210,10 +210,10 @@ class MemberRemoval:
         is_removed, breaks = np.zeros(m, bool), []
         for k, removed in enumerate(self.removals):
             is_removed[removed.elements] = True
-            before, highest, lowest, rest, after, moment = (self.tensions[name][k] for name in TENSION_NAMES)
+            before, highest, lowest, start, after, moment = (self.tensions[name][k] for name in TENSION_NAMES)
             highest, lowest = np.where(is_removed, np.nan, highest), np.where(is_removed, np.nan, lowest)
             peak = farthest(before, highest, lowest, after)
-            factor = np.where(np.isnan(lowest), np.nan, dynamic_factors(before, peak, rest, after))
+            factor = np.where(np.isnan(lowest), np.nan, dynamic_factors(before, peak, start, after))
             for entry in removed.entries:
                 datasets["time"][entry] = removed.step * self.dt
                 datasets["state"][entry] = self.outcomes[k].state
@@ -261,15 +261,15 @@ def farthest(before: np.ndarray, highest: np.ndarray, lowest: np.ndarray, after:
     return np.where(rises | np.isnan(lowest), highest, lowest)
 
 
-def dynamic_factors(before: np.ndarray, peak: np.ndarray, rest: np.ndarray, after: np.ndarray) -> np.ndarray:
+def dynamic_factors(before: np.ndarray, peak: np.ndarray, start: np.ndarray, after: np.ndarray) -> np.ndarray:
     """Compute the dynamic factor (peak - before) / (after - before) (m,).
 
     nan if a removal changes nothing, or if no equilibrium is known.
-    rest : (m,) [N] in the equilibrium before the removal, the reference of its change; before : in motion,
+    start : (m,) [N] in the equilibrium before the removal, the reference of its change; before : in motion,
         with gusts
     """
     change, is_known = after - before, ~np.isnan(after)
     largest = max(np.abs(before).max(initial=0.0), np.abs(after[is_known]).max(initial=0.0))
-    difference = np.minimum(np.abs(change), np.abs(after - np.where(np.isnan(rest), before, rest)))
+    difference = np.minimum(np.abs(change), np.abs(after - np.where(np.isnan(start), before, start)))
     changes = is_known & (difference > MIN_TENSION_CHANGE * largest)
     return np.divide(peak - before, change, out=np.full(len(before), np.nan), where=changes)

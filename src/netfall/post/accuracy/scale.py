@@ -30,9 +30,9 @@ CONSTANT_KEYS = ("spacing", "halves", "ring_height", "ring_depth", "spoke_force"
 MULTIPLES = {"cells": 1, "hoops": 1, "spokes": 4}  # integer keys are multiples of these numbers
 RATE = "element_steps_per_s"
 PHASES = {
-    "forces": "dynamics: forces and kick",
+    "forces": "dynamics: forces",
     "exchange": "dynamics: exchange",
-    "drift": "dynamics: drift",
+    "drift": "dynamics: positions",
     "rows": "dynamics: rows",
     "output": "dynamics: output",
 }
