@@ -22,7 +22,7 @@ from netfall.physics.state import State
 from netfall.post.checks.nodes import reaction_columns
 from netfall.results.checkpoint import checkpoint_path, remove_old_checkpoints
 from netfall.results.states import compute_envelope
-from netfall.study.answers.losses import losses_of
+from netfall.study.answers.removals import removals_of
 from netfall.study.study import SampleQueue
 
 STATE = ("position", "velocity", "tension", "plastic_strain")  # in /final
@@ -155,7 +155,7 @@ def test_final_reactions_are_those_of_attached_elements(original):
     assert np.abs(forces - pull[rows["node"][last]]).max() <= 1e-7 * np.abs(pull).max()  # N, of kN of springs
 
 
-# --- losses, panels, cases
+# --- removals, panels, cases
 
 
 def test_a_fading_cable_between_two_weights(workshop):
@@ -277,13 +277,13 @@ def test_a_roof_without_equilibrium_counts_as_detached():
         "detached_area": np.array([0.2, 0.1, 0.3]),
         "broken": np.array([3, 1, 0]),
     }
-    losses = losses_of(SimpleNamespace(samples=samples, finished=samples["state"] == "finished"))
-    assert losses.name.tolist() == ["7", "9"] and losses.detached_area.tolist() == [1.0, 0.3]
-    assert losses.no_equilibrium.tolist() == [1, 0] and losses.broken.tolist() == [3.0, 0.0]
+    removals = removals_of(SimpleNamespace(samples=samples, finished=samples["state"] == "finished"))
+    assert removals.name.tolist() == ["7", "9"] and removals.detached_area.tolist() == [1.0, 0.3]
+    assert removals.no_equilibrium.tolist() == [1, 0] and removals.broken.tolist() == [3.0, 0.0]
     samples["equilibrium_after_removal"] = np.array(["breaks", "", "unstable"])
-    losses = losses_of(SimpleNamespace(samples=samples, finished=samples["state"] == "finished"))
-    assert losses.no_equilibrium.tolist() == [1, 1] and losses.detached_area.tolist() == [1.0, 0.3]
-    assert losses.not_stable.tolist() == [0, 1] and losses.breaking.tolist() == [1, 0]
+    removals = removals_of(SimpleNamespace(samples=samples, finished=samples["state"] == "finished"))
+    assert removals.no_equilibrium.tolist() == [1, 1] and removals.detached_area.tolist() == [1.0, 0.3]
+    assert removals.not_stable.tolist() == [0, 1] and removals.breaking.tolist() == [1, 0]
 
 
 # --- parts of the wind

@@ -21,8 +21,8 @@ from netfall.study.answers import fragility, probit, samples
 from netfall.study.answers.fragility import FailureCriterion, curve_sections, failure_section
 from netfall.study.answers.hazard import Hazard
 from netfall.study.answers.info import _failures, print_study
-from netfall.study.answers.losses import losses_of, removal_of_element
 from netfall.study.answers.read import read_study
+from netfall.study.answers.removals import removal_of_element, removals_of
 from netfall.study.answers.statistics import next_half_width, spearman, wilson
 from netfall.study.table import FORMAT
 
@@ -431,7 +431,7 @@ def test_the_removal_of_a_cable_is_that_of_its_elements(tmp_path):
     samples = columns({"removed": np.array(["south", "north"], object)}, np.zeros(2, bool), np.zeros(2))
     write_study(tmp_path / "cables.study.h5", samples, {}, roof)
     study = read_study(tmp_path / "cables.study.h5")
-    assert removal_of_element(study, losses_of(study)).tolist() == [1] * 4 + [0] * 5 + [-1] * (m - 9)
+    assert removal_of_element(study, removals_of(study)).tolist() == [1] * 4 + [0] * 5 + [-1] * (m - 9)
     for gusts in (0, 1):
         gusty = samples | {"gusts": np.full(2, gusts)}
         write_study(tmp_path / "gusty.study.h5", gusty, {}, roof)

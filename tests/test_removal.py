@@ -32,7 +32,7 @@ from netfall.loads.removal import superposed_excitation_notes
 from netfall.model.layout import make_layout
 from netfall.post.report.info import _fractures
 from netfall.post.report.report import write_report
-from netfall.results.losses import largest_after_removals, removal_lines, significant_dynamic_factors
+from netfall.results.removals import largest_after_removals, removal_lines, significant_dynamic_factors
 from netfall.results.states import described_removals
 
 EA, L0, MASS, WEIGHT = 1.6e7, 10.0, 1000.0, 1e4  # N, m, kg, N

@@ -44,8 +44,8 @@ from netfall.physics.state import State
 from netfall.post.plots.study.study import plot_study
 from netfall.results.datasets import NO_OUTCOMES
 from netfall.study.answers.info import _print_energy_check, print_study
-from netfall.study.answers.losses import losses_of, removal_of_element
 from netfall.study.answers.read import read_study
+from netfall.study.answers.removals import removal_of_element, removals_of
 from netfall.study.file import read_study_plan
 from netfall.study.files import InputFiles, Journal, read_journal, study_files
 from netfall.study.pool import WorkerPool
@@ -437,7 +437,7 @@ def test_a_cable_with_the_id_of_another_element_as_its_name_is_not_that_element(
     lost = f'[vary]\nremove = {{each = "{each}", time = 0.0, ids = {ids}}}\n'
     run_on_standing_ranks("study", write(tmp_path, f'job = "job.toml"\n{lost}', "lost"), cwd=tmp_path)
     study = read_study(tmp_path / "lost.study.h5")
-    assert removal_of_element(study, losses_of(study)).tolist() == rows
+    assert removal_of_element(study, removals_of(study)).tolist() == rows
 
 
 @pytest.mark.parametrize(

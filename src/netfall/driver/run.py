@@ -132,7 +132,7 @@ class NullResult:
     is_stored = False
 
     def __init__(self, comm: MPI.Comm):
-        self.comm, self.file, self.losses = comm, self, 0
+        self.comm, self.file, self.removals = comm, self, 0
 
     def _nothing(self, *_: object) -> None:
         pass

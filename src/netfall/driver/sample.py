@@ -34,7 +34,7 @@ from netfall.physics.state import State
 from netfall.results.datasets import EQUILIBRIUM, NO_EQUILIBRIUM, NO_OUTCOMES, UNDECIDED
 from netfall.results.h5 import check_one_folder
 from netfall.results.locks import check_output_path
-from netfall.results.losses import RESTS, removal_states, significant_dynamic_factors, tension_ratios
+from netfall.results.removals import OUTCOME_TEXT, removal_states, significant_dynamic_factors, tension_ratios
 from netfall.results.states import LIMIT_POINT
 from netfall.results.warning_text import BALANCE_COLUMNS
 from netfall.results.writer import net_section
@@ -299,7 +299,7 @@ def _dynamic_outcomes(
         if not len(log):  # as in `significant_dynamic_factors`
             outcomes |= _largest(net, removal, "dynamic_factor", significant_dynamic_factors)
         states = removal_states(removal)
-        outcomes["equilibrium_after_removal"] = next((state for state in RESTS if state in states), "")
+        outcomes["equilibrium_after_removal"] = next((state for state in OUTCOME_TEXT if state in states), "")
         outcomes["gusts"] = int(model.wind_field is not None and model.wind_field.varies)
     outcomes |= {"detached_area": detached_area(net, area, failed), "utilisation_before_break": used}
     return outcomes | _net_outcomes(net, area, extremes, depth)

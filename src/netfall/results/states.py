@@ -13,7 +13,7 @@ from netfall.geometry.net import GRAVITY
 from netfall.physics.law import measures
 from netfall.physics.law.measures import ForceLimits, elastic_forces, heated_length
 from netfall.results.datasets import NO_EQUILIBRIUM, ORDER_ATTRIBUTE, UNDECIDED, UNSTABLE
-from netfall.results.losses import (
+from netfall.results.removals import (
     REMOVAL,
     fracture_times,
     removal_lines,

@@ -19,7 +19,7 @@ from netfall.physics.law.measures import REACHED_SHARE
 from netfall.physics.slip.law import MIN_SEGMENT_SHARE
 from netfall.results import messages, states
 from netfall.results.file import element_name
-from netfall.results.losses import fracture_times
+from netfall.results.removals import fracture_times
 
 MAX_BALANCE_ERROR = 1e-3  # energy balance error above which a result is doubtful, for either of its measures
 MAX_WORK_IDENTITY_ERROR = 1e-6  # above which netfall warns; rounding gives 1e-16 to 1e-11 in the shipped jobs

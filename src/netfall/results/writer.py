@@ -67,7 +67,7 @@ class Result:
             raise
         self.log = log
         self._drawn_events = -1  # number of fractures and removals in the latest mesh
-        self.losses = 0  # number of member removals so far
+        self.removals = 0  # number of member removals so far
 
     # --- segments, records
 
@@ -122,7 +122,7 @@ class Result:
     def write_frame(self, time: float, state: State, snapshot: Snapshot) -> None:
         """Write one step of /VTKHDF."""
         rows = snapshot.rows
-        if self._drawn_events != len(self.log) + self.losses:
+        if self._drawn_events != len(self.log) + self.removals:
             self._write_mesh(state, rows)
         point_fields = {"displacement": state.x[rows] - state.x_start[rows], "velocity": snapshot.velocity}
         point_fields = self._points(state, rows, {"position": state.x[rows], **point_fields})
@@ -140,7 +140,7 @@ class Result:
         point_fields = {"node_id": self._node_ids(state, rows), "GlobalPointId": state.gid[rows]}
         point_fields = self._points(state, rows, point_fields)
         self.series.write_mesh(cell_fields.pop("ends"), point_fields, cell_fields, self.log.points)
-        self._drawn_events = len(self.log) + self.losses
+        self._drawn_events = len(self.log) + self.removals
 
     def _node_ids(self, state: State, rows: np.ndarray) -> np.ndarray:
         """Return the table ids (k,) for rows (k,) of the rank's particles, as `event_ids` does."""

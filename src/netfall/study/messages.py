@@ -1,4 +1,4 @@
-"""Messages of the package `study`: study files, workers, fragility, hazard, losses."""
+"""Messages of the package `study`: study files, workers, fragility, hazard, removals."""
 
 from netfall.core.messages import Message
 

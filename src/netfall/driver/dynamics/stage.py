@@ -254,7 +254,7 @@ class Simulation(Stepper):
             setattr(self, name, small[name])
         self.n, self.rows.last[:] = small["step"], small["envelope_step"]
         self.history.most_strained = tuple(small["most_strained"])
-        self.result.losses = self.removal.done if self.removal else 0
+        self.result.removals = self.removal.done if self.removal else 0
         self.loads.update_samples(self.state)
         self.loads.advance(self.state, self.n)
 
@@ -295,7 +295,7 @@ class Simulation(Stepper):
         self.redistribute(redistribution)
         self.loads.update_samples(self.state)
         self.state.reset_extremes(elements.N)
-        self.result.losses = removal.done
+        self.result.removals = removal.done
 
     def find_detached(self) -> int:
         """Find the detached parts if the evaluation is due; return the step of the next one. Collective.

@@ -35,7 +35,7 @@ NAME = "removal_equilibria"
 class RemovalOutcome(NamedTuple):
     """Outcome of the search for the equilibrium after a member removal.
 
-    state : a key of `losses.RESTS`; elements : global numbers of those beyond their strength
+    state : a key of `removals.OUTCOME_TEXT`; elements : global numbers of those beyond their strength
     """
 
     state: str

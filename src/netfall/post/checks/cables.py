@@ -21,7 +21,7 @@ from netfall.post.checks.bending import (
     moment_columns,
 )
 from netfall.post.checks.codes import ERECTION_KIND, IN_TENSION, WITH_MOMENT, Check
-from netfall.results import losses, states
+from netfall.results import removals, states
 from netfall.results.file import COMBINATION_KINDS, read_cases
 from netfall.results.states import PERMANENT, Envelope, group_title, last_stage, passes_limit_point
 
@@ -85,8 +85,8 @@ def states_not_verified(f: h5py.File, envelope: Envelope, selected: np.ndarray) 
     failed: list[tuple[str, str]] = []
     for path in paths:
         title = "the permanent state" if path == PERMANENT else group_title(f, path)
-        if path == losses.REMOVAL:
-            outcomes = enumerate(losses.removal_states(f[path]), 1)
+        if path == removals.REMOVAL:
+            outcomes = enumerate(removals.removal_states(f[path]), 1)
             failed += [
                 (UNVERIFIED_STATES[state], f"the net after removal {k}")
                 for k, state in outcomes
@@ -223,7 +223,7 @@ def check_elements(
     kinds, caps, groups = stage_kinds(f, envelope), states.force_caps(f), element_groups(f)
     breaking, overloaded = states.breaking_forces(f), states.at_limit_in_permanent_state(f)
     is_motion = np.array([name == states.DYNAMIC_STAGE for name in envelope.names])
-    failed = ~np.isnan(losses.fracture_times(f)) | states.yielded_elements(f)  # the history rows can miss it
+    failed = ~np.isnan(removals.fracture_times(f)) | states.yielded_elements(f)  # history rows can miss it
     buckles = states.element_property(f, "buckling", 0) == 1
     checked, bends, rows = [], np.isfinite(envelope.moment).any(axis=0), np.arange(len(caps.yielding))
     has_none = np.isinf(np.minimum.reduce(list(tensile_strengths(f).values())))
@@ -294,13 +294,13 @@ def element_columns(
         "tension_min": envelope.least,
         "case_min": names[envelope.of_least],
         "slack_in": _slack_stages(envelope.names, envelope.slack),
-        "lost_at": losses.removal_times(f),
-        "broken_at": losses.fracture_times(f),
+        "lost_at": removals.removal_times(f),
+        "broken_at": removals.fracture_times(f),
     }
     if envelope.slack_time is not None:
         columns["slack_time"] = envelope.slack_time
     if "removal" in f:
-        columns |= losses.largest_after_removals(f)
+        columns |= removals.largest_after_removals(f)
     columns |= bar_columns(f) | moment_columns(envelope)
     for one in checked:
         own = {

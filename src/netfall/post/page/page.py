@@ -25,7 +25,7 @@ from netfall.post.plots.collapse import view
 from netfall.post.plots.utilisation import OVERUSED_COLOUR
 from netfall.results.file import Frames, open_checked, result_title
 from netfall.results.locks import whole
-from netfall.results.losses import fracture_times, removal_times
+from netfall.results.removals import fracture_times, removal_times
 from netfall.results.states import start_name, start_position
 
 MAX_DRAWN_DISPLACEMENT = 4.0  # displacement / largest extent of the net; points beyond this are not drawn

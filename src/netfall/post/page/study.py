@@ -11,8 +11,8 @@ from netfall.post import messages
 from netfall.post.page.page import Page, build_page, net_data, put, quantity_data, round_box, states_data
 from netfall.post.page.states import ArrayBlock, StateSeries, drawn_part, support_points
 from netfall.results.file import open_checked
-from netfall.study.answers.losses import losses_of, removal_of_element
 from netfall.study.answers.read import Study, read_study
+from netfall.study.answers.removals import removal_of_element, removals_of
 from netfall.study.files import study_files
 
 
@@ -86,16 +86,16 @@ def net_page(study: Study) -> Page:
 def _choices(study: Study, page: Page) -> list[dict[str, Any]]:
     """Return the results of the study by element: frequency of breaks, and effects of removals."""
     rows = [(name, "%", 100.0, shares) for name, shares in study.break_shares()]
-    losses = losses_of(study)
-    if losses is not None:
-        row = removal_of_element(study, losses)
-        failing = losses.no_equilibrium / np.bincount(losses.place)
+    removals = removals_of(study)
+    if removals is not None:
+        row = removal_of_element(study, removals)
+        failing = removals.no_equilibrium / np.bincount(removals.place)
         rows += [
             (f"{name} its removal", unit, factor, np.where(row >= 0, values[row], np.nan))
             for name, unit, factor, values in (
-                ("largest tension over that before", "-", 1.0, losses.tension_ratio),
-                ("largest dynamic factor after", "-", 1.0, losses.dynamic_factor),
-                ("share of the roof lost after", "%", 100.0, losses.detached_area),
+                ("largest tension over that before", "-", 1.0, removals.tension_ratio),
+                ("largest dynamic factor after", "-", 1.0, removals.dynamic_factor),
+                ("share of the roof lost after", "%", 100.0, removals.detached_area),
                 ("samples without an equilibrium after", "%", 100.0, np.where(failing, failing, np.nan)),
             )
         ]

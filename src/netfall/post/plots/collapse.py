@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from netfall.post.plots import canvas
 from netfall.post.plots.force import NEGLIGIBLE_COMPRESSION, add_supports, shown_forces
 from netfall.results.file import Frames, result_title
-from netfall.results.losses import removal_times
+from netfall.results.removals import removal_times
 from netfall.results.states import count_elements, count_slack
 
 STAGES = 6  # panels

@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import dijkstra
 from netfall.post.checks.nodes import FRICTION_SAFETY, slip_point_columns
 from netfall.post.plots import canvas
 from netfall.results.file import Frames, element_name, result_title
-from netfall.results.losses import fracture_times, removal_times
+from netfall.results.removals import fracture_times, removal_times
 from netfall.results.states import group_equilibria, start_tension, state_title
 
 MIN_CHANGE = 1e-6  # share of the largest displacement or tension; less is the tolerance of equilibria

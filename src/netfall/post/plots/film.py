@@ -25,7 +25,7 @@ from netfall.post.plots import canvas, collapse, force
 from netfall.post.plots.states import force_words
 from netfall.results.file import Frames, StageFrames, moves, open_checked, result_title
 from netfall.results.locks import whole
-from netfall.results.losses import removal_times
+from netfall.results.removals import removal_times
 
 DPI = 100  # pixels per inch
 MAX_FRAMES = 600  # frames in a film; of more, every k-th is shown

@@ -12,7 +12,7 @@ from netfall.post.checks.nodes import held_axes
 from netfall.post.plots import canvas
 from netfall.post.plots.force import OF_MOTION, add_supports, limits
 from netfall.results.file import result_title, roof_axes
-from netfall.results.losses import removal_times
+from netfall.results.removals import removal_times
 from netfall.results.states import Envelope, start_position
 from netfall.results.warning_text import exceeds_strength
 

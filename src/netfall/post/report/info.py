@@ -14,7 +14,7 @@ from netfall.geometry.areas import outer_side_line
 from netfall.post import messages
 from netfall.results import file, states, text, warning_text
 from netfall.results.datasets import find_group
-from netfall.results.losses import fracture_times, removal_times
+from netfall.results.removals import fracture_times, removal_times
 
 
 def print_info_json(path: Path, say: Callable[[str], None]) -> None:

@@ -27,10 +27,10 @@ from netfall.post.report.sections import (
     limits,
     most_used,
 )
-from netfall.results import file, losses, states, warning_text
+from netfall.results import file, removals, states, warning_text
 from netfall.results.datasets import UNDECIDED
 from netfall.results.file import read_cases
-from netfall.results.losses import worst_removals
+from netfall.results.removals import worst_removals
 from netfall.results.states import Envelope
 
 SHOWN_ROWS = 10  # rows of the most used elements after removals
@@ -266,11 +266,11 @@ def _removals(f: h5py.File, checked: list[ElementCheck], elements: dict[str, np.
     names, cable = f["net/cable_names"].asstr()[:], f["net/cable"][:]
     lines: list[str] = [md.item(line) for line in states.described_removals(f)]
     check, resistance, rows = checked[0].name, checked[0].resistance, []
-    end_weight = end_weights(f)(losses.REMOVAL, states.start_position(f), 1.0)
+    end_weight = end_weights(f)(removals.REMOVAL, states.start_position(f), 1.0)
     for k, e in worst_removals(f, resistance, end_weight, SHOWN_ROWS):
         N = {name: g[f"tension_{name}"][k, e] for name in ("before", "highest", "after")}
-        factors = losses.significant_dynamic_factors(g, k, losses.first_fracture(f["events"]))
-        numbers = losses.tension_ratios(g, k)[e], factors[e], (N["highest"] + end_weight[e]) / resistance[e]
+        factors = removals.significant_dynamic_factors(g, k, removals.first_fracture(f["events"]))
+        numbers = removals.tension_ratios(g, k)[e], factors[e], (N["highest"] + end_weight[e]) / resistance[e]
         figures = [f"{value:.3g}" if np.isfinite(value) else "" for value in numbers]
         rows.append([k + 1, names[cable[e]], ids[e], *map(md.force, N.values()), *figures])
     if not rows:
@@ -280,7 +280,7 @@ def _removals(f: h5py.File, checked: list[ElementCheck], elements: dict[str, np.
     explanation = (
         "The elements with the highest utilisation after a removal, by the tensions of every step. The "
         "dynamic factor is (peak - before) / (equilibrium afterwards - before). If the tension decreases, "
-        f"the peak is the smallest tension. The factor is given {losses.WHERE_SIGNIFICANT}, and if nothing "
+        f"the peak is the smallest tension. The factor is given {removals.WHERE_SIGNIFICANT}, and if nothing "
         "broke before the next removal:"
     )
     picture = [

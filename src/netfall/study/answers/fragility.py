@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from netfall.core.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from netfall.results.losses import REMOVAL_FAILED
+from netfall.results.removals import REMOVAL_FAILED
 from netfall.study.answers import probit
 from netfall.study.answers.hazard import Hazard, hazard_row
 from netfall.study.answers.probit import FragilityFits

@@ -10,14 +10,14 @@ import numpy as np
 from netfall.core.messages import count_of
 from netfall.job.values import format_list
 from netfall.results.file import element_name
-from netfall.results.losses import RESTS, WHERE_SIGNIFICANT
+from netfall.results.removals import OUTCOME_TEXT, WHERE_SIGNIFICANT
 from netfall.results.warning_text import BALANCE_COLUMNS, MAX_BALANCE_ERROR
 from netfall.study import messages
 from netfall.study.answers import statistics
 from netfall.study.answers.fragility import failures, is_judged
 from netfall.study.answers.hazard import DEFAULT_YEARS, TARGET_RELIABILITY
-from netfall.study.answers.losses import MAX_DYNAMIC_FACTOR, losses_of
 from netfall.study.answers.read import Study, read_study, unit_of_column, with_unit
+from netfall.study.answers.removals import MAX_DYNAMIC_FACTOR, removals_of
 from netfall.study.answers.samples import (
     SPEED,
     FragilityCurve,
@@ -49,7 +49,7 @@ def print_study(path: Path, say: Callable[[str], None]) -> None:
         _hazard,
         _failures,
         _elements,
-        _losses,
+        _removals,
         _correlations,
         _print_energy_check,
     ):
@@ -323,34 +323,34 @@ def _elements(study: Study, say: Callable[..., Any]) -> None:
             say(f"{what}, of {of} {runs}: element " + ", ".join(named))
 
 
-def _losses(study: Study, say: Callable[..., Any]) -> None:
-    losses = losses_of(study)
-    if losses is None:
+def _removals(study: Study, say: Callable[..., Any]) -> None:
+    removals = removals_of(study)
+    if removals is None:
         return
-    breaks, fails = losses.broken > 0, losses.no_equilibrium > 0
-    unstable = losses.not_stable > 0
+    breaks, fails = removals.broken > 0, removals.no_equilibrium > 0
+    unstable = removals.not_stable > 0
     say(
-        f"member removals: {len(losses.name)} different; further elements break after {breaks.sum()}, "
-        f"no equilibrium after {fails.sum()}{_named(losses.name[fails])}"
+        f"member removals: {len(removals.name)} different; further elements break after {breaks.sum()}, "
+        f"no equilibrium after {fails.sum()}{_named(removals.name[fails])}"
         + f", of which {unstable.sum()} not stable"
         * bool(unstable.any())
     )
-    if (losses.left_out > 0).any():
-        unknown = losses.name[losses.left_out > 0]
+    if (removals.left_out > 0).any():
+        unknown = removals.name[removals.left_out > 0]
         say(f"  samples of {len(unknown)} of them are left out and may be worse{_named(unknown)}")
-    if (losses.breaking > 0).any():
-        breaking = losses.name[losses.breaking > 0]
-        say(f"  after {len(breaking)} of them {RESTS['breaks']}{_named(breaking)}")
+    if (removals.breaking > 0).any():
+        breaking = removals.name[removals.breaking > 0]
+        say(f"  after {len(breaking)} of them {OUTCOME_TEXT['breaks']}{_named(breaking)}")
     for title, values, text in (
-        ("largest detached part of the roof", losses.detached_area, "{:.1%}"),
-        ("largest tension over tension before", losses.tension_ratio, "{:.3g}"),
-        (f"largest dynamic factors, {WHERE_SIGNIFICANT}", losses.dynamic_factor, "{:.3g}"),
+        ("largest detached part of the roof", removals.detached_area, "{:.1%}"),
+        ("largest tension over tension before", removals.tension_ratio, "{:.3g}"),
+        (f"largest dynamic factors, {WHERE_SIGNIFICANT}", removals.dynamic_factor, "{:.3g}"),
     ):
         rows = np.argsort(-np.nan_to_num(values), kind="stable")[:MOST_NAMED]
-        worst = [f"{text.format(values[k])} (removal of {losses.name[k]})" for k in rows if values[k] > 0]
+        worst = [f"{text.format(values[k])} (removal of {removals.name[k]})" for k in rows if values[k] > 0]
         if worst:
             say(f"  {title}: " + ", ".join(worst))
-    if (losses.dynamic_factor > MAX_DYNAMIC_FACTOR).any():
+    if (removals.dynamic_factor > MAX_DYNAMIC_FACTOR).any():
         say(messages.LARGE_FACTORS(limit=MAX_DYNAMIC_FACTOR))
     if np.any(study.samples.get("gusts", 0)):
         say(messages.FACTORS_WITH_GUSTS())

@@ -8,8 +8,8 @@ from matplotlib.ticker import PercentFormatter
 
 from netfall.core.functions import along_axes
 from netfall.post.plots import canvas
-from netfall.study.answers.losses import MAX_DYNAMIC_FACTOR, losses_of, removal_of_element
 from netfall.study.answers.read import Study
+from netfall.study.answers.removals import MAX_DYNAMIC_FACTOR, removal_of_element, removals_of
 
 DOT_LENGTH = 0.015  # length / size of the picture; shorter elements get a dot
 COLOURS = "viridis_r"
@@ -36,15 +36,15 @@ def loss_map(study: Study) -> Figure:
     Left: largest dynamic factor. Right: lost share of the roof, or further fractures if no removal affects
     the roof. Removals without an equilibrium are red in both.
     """
-    losses = losses_of(study)
-    assert losses is not None  # see `pictures_of`
-    row = removal_of_element(study, losses)
-    fails = (row >= 0) & (losses.no_equilibrium[row] > 0)
-    lost = bool((losses.detached_area > 0).any())
-    consequence = losses.detached_area if lost else losses.broken
-    factor = np.where(row >= 0, losses.dynamic_factor[row], np.nan)
+    removals = removals_of(study)
+    assert removals is not None  # see `pictures_of`
+    row = removal_of_element(study, removals)
+    fails = (row >= 0) & (removals.no_equilibrium[row] > 0)
+    lost = bool((removals.detached_area > 0).any())
+    consequence = removals.detached_area if lost else removals.broken
+    factor = np.where(row >= 0, removals.dynamic_factor[row], np.nan)
     consequence = np.where((row >= 0) & (consequence[row] > 0), consequence[row], np.nan)
-    names = np.where(row >= 0, losses.name[row], "")
+    names = np.where(row >= 0, removals.name[row], "")
     red = f"red: no equilibrium afterwards, {fails.sum()}; " * bool(fails.any())
     subtitle = f": after the removal of each ({red}the largest on top; dots: supports)"
     figure, (left, right) = _open_maps(study, subtitle)

@@ -14,8 +14,8 @@ from netfall.post.plots.study.fragility import fragility, hazard
 from netfall.post.plots.study.maps import breaks, loss_map
 from netfall.results.datasets import OUTCOME_BY_NAME
 from netfall.results.locks import whole
-from netfall.study.answers.losses import losses_of, removal_of_element
 from netfall.study.answers.read import Study, read_study, unit_of_column, with_unit
+from netfall.study.answers.removals import removal_of_element, removals_of
 from netfall.study.answers.statistics import (
     chosen_inputs,
     combination_codes,
@@ -71,13 +71,13 @@ def _scaled(name: str, values: np.ndarray, description: str) -> tuple[np.ndarray
 
 def pictures_of(study: Study) -> dict[str, Callable[[Study], Figure] | None]:
     """Return the pictures of a study: the drawing functions by name, None without data for it."""
-    losses = losses_of(study)
+    removals = removals_of(study)
     has_breaks = bool(study.breaks.any())
     pictures = [
         ("fragility", fragility, bool(study.fragility)),
         ("hazard", hazard, bool(study.hazard) and np.isfinite(study.hazard["annual_probability"]).any()),
         ("breaks", breaks, has_breaks),
-        ("loss_map", loss_map, losses is not None and (removal_of_element(study, losses) >= 0).any()),
+        ("loss_map", loss_map, removals is not None and (removal_of_element(study, removals) >= 0).any()),
         ("inputs", inputs, bool(drawn_inputs(study)) and bool(responses(study))),
     ]
     return {name: draw if present else None for name, draw, present in pictures}

@@ -18,7 +18,7 @@ WHERE_SIGNIFICANT = (
     f"{NEGLIGIBLE_TENSION:.0%} of the net's largest"
 )
 # Outcomes of the equilibrium search after a member removal, worst first, and their text.
-RESTS = {
+OUTCOME_TEXT = {
     NO_EQUILIBRIUM: "the net has no equilibrium",
     UNDECIDED: "it is undecided whether the net has an equilibrium",
     UNSTABLE: "the equilibrium of the net is unstable",
@@ -30,7 +30,7 @@ REMOVAL_FAILED = (NO_EQUILIBRIUM, UNSTABLE, BEYOND_LIMIT_POINT)  # outcomes with
 
 
 def removal_states(removal: Any) -> list[str]:
-    """Return the outcome after each entry, a key of RESTS; "" if nothing was removed."""
+    """Return the outcome after each entry, a key of OUTCOME_TEXT; "" if nothing was removed."""
     names = removal["state"]
     return [str(name) for name in (names.asstr()[:] if hasattr(names, "asstr") else names)]
 
@@ -57,7 +57,7 @@ def removal_lines(
         breaking = element_id[removal["breaking_element"][:][removal["breaking_entry"][:] == k]]
         parts = [
             f"removal {k + 1}, t = {time[k]:.4g} s: {counted('element', element_id[removed])}",
-            RESTS[outcomes[k] or NO_EQUILIBRIUM]
+            OUTCOME_TEXT[outcomes[k] or NO_EQUILIBRIUM]
             + (f": {counted('element', breaking)}" if len(breaking) else ""),
             f"{counted('element', element_id[broken])} broke afterwards"
             if len(broken)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.results.losses import REMOVAL_FAILED
+from netfall.results.removals import REMOVAL_FAILED
 from netfall.study.answers.read import Study
 
 # Dynamic factor above which it is meaningless: the static tension hardly changes, or the roof continued to
@@ -13,7 +13,7 @@ MAX_DYNAMIC_FACTOR = 10.0
 
 
 @dataclass
-class Losses:
+class Removals:
     """A row for each removed element or cable, with the worst values over its samples; nan: unknown.
 
     name : (l,) the id of the element, or the name of the cable, in the order of the samples
@@ -38,7 +38,7 @@ class Losses:
     breaking: np.ndarray
 
 
-def losses_of(study: Study) -> Losses | None:
+def removals_of(study: Study) -> Removals | None:
     """Return the member removals of a study; None if it removes nothing."""
     samples = study.samples
     if "removed" not in samples:
@@ -61,7 +61,7 @@ def losses_of(study: Study) -> Losses | None:
         np.maximum.at(largest, place[included], values[included])
         return np.where(np.isfinite(largest), largest, np.nan)
 
-    return Losses(
+    return Removals(
         names[order],
         place,
         worst(ratio, study.finished),
@@ -75,12 +75,12 @@ def losses_of(study: Study) -> Losses | None:
     )
 
 
-def removal_of_element(study: Study, losses: Losses) -> np.ndarray:
+def removal_of_element(study: Study, removals: Removals) -> np.ndarray:
     """Return the row (m,) of the removal that contains each element, -1: none.
 
     Cables are known only if /net has `cable` (m,). A cable may have the id of another element as its name.
     """
-    row = {name: k for k, name in enumerate(losses.name)}
+    row = {name: k for k, name in enumerate(removals.name)}
     rows = np.array([row.get(name, -1) for name in study.net["element_id"].astype(str)], int)
     if study.removes == "element" or "cable" not in study.net:
         return rows
