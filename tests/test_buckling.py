@@ -16,10 +16,8 @@ from netfall.post.checks.codes import read_codes
 # A post of 4 m, its head held sideways, below 200 kN; a level cable at it.
 NODES = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,0,1,1,1,0\n2,0,0,4,1,1,0,-200e3\n3,5,0,4,1,1,1,0\n"
 ELEMENTS = "id,start,end,group\n7,1,2,post\n8,2,3,\n"
-POST = (
-    '[group.post]\nkind = "bar"\nmodulus = 2.1e11\narea = 3e-3\nprestress = 0.0\nyield_stress = 355e6\n'
-    "second_moment = 5e-6\n"
-)
+POST = '[group.post]\nkind = "bar"\nmodulus = 2.1e11\narea = 3e-3\nprestress = 0.0\nyield_stress = 355e6\n'
+POST += "second_moment = 5e-6\n"
 STATICS = STEEL.replace("100e3", "0.0") + "[load]\nself_weight = false\nsteps = 1\n"
 BY_CURVE = {  # chi of the curves a0 to d by hand; EN 1993-1-1, figure 6.4
     0.2: (1.0, 1.0, 1.0, 1.0, 1.0),
@@ -70,11 +68,7 @@ def test_the_check_of_a_post_agrees_with_a_hand_calculation(workshop):
     assert rows[8]["euler_load"] == rows[8]["utilisation_euler"] == ""
     page = (workshop.folder / "report" / "summary.md").read_text()
     assert "chi N_y / gamma_M1: largest" in page and "[W847]" not in page
-
-
-def test_a_compression_check_of_a_tensioned_post_explains_its_empty_result(workshop):
-    """The post has a resistance, but no compression."""
-    workshop.solve(STATICS + POST, NODES.replace("-200e3", "200e3"), ELEMENTS).close()
+    workshop.solve(STATICS + POST, NODES.replace("-200e3", "200e3"), ELEMENTS).close()  # in tension
     page = workshop.report().page
     assert "gamma_M1: empty, no element that has a strength for it is in compression" in page
     assert "Empty: no element that has a strength for it is in compression." in page
@@ -117,21 +111,16 @@ def test_without_a_second_moment_compression_is_not_checked(workshop):
     assert "en1993_buckling" not in page and "200 kN in element 7 (statics" in page
 
 
-@pytest.mark.parametrize(
-    ("more", "warns"),
-    [
-        ("", True),
-        ("yield_stress = 355e6\n", False),
-        ("section_modulus = 1e-4\ndesign_strength = 355e6\n", False),
-    ],
-)
+STRENGTHS = "yield_stress = 355e6\n", "section_modulus = 1e-4\ndesign_strength = 355e6\n"
+
+
+@pytest.mark.parametrize("more, warns", [("", True), *((more, False) for more in STRENGTHS)])
 def test_a_check_against_the_euler_load_alone_is_a_warning(workshop, more, warns):
     """200 kN of 648 kN are 0.31. chi N_y of curve c is 423 kN, with or without a section modulus."""
     post = POST.replace("yield_stress = 355e6\n", "") + more
     workshop.solve(STATICS + post, NODES, ELEMENTS).close()
-    assert (
-        "warning: checks: element 7: compressed bars without yield_stress" in workshop.report().page
-    ) == warns
+    line = "warning: checks: element 7: compressed bars without yield_stress"
+    assert (line in workshop.report().page) == warns
 
 
 def test_compressed_bars_without_a_check_are_a_warning(workshop):
@@ -171,9 +160,10 @@ def dropped(workshop, more="", parts=1, **how):
     return job, workshop.run(job, **how)
 
 
-def test_a_buckled_post_carries_its_euler_load(both_ways):
-    """The force is then constant: P x = N_E x - N_E^2 / 2 k where the mass stops."""
-    _, f = dropped(both_ways)
+@pytest.mark.parametrize("more", ["", f"breaking_load = {1.5 * EULER}\n"])
+def test_a_buckled_post_carries_its_euler_load(both_ways, more):
+    """The force is then constant: P x = N_E x - N_E^2 / 2 k where the mass stops. It never breaks."""
+    _, f = dropped(both_ways, more)
     assert f["envelope/tension_min"][0] == pytest.approx(-EULER, rel=1e-12)
     deep = EULER**2 / (2 * STIFF * (EULER - LOAD))
     assert f["envelope/displacement_max"][1] == pytest.approx(deep, rel=1e-4)
@@ -224,16 +214,14 @@ def test_elements_that_buckle_and_yield_in_statics_are_named(both_ways):
     for text in texts:
         assert "arning: statics: element 7: buckled, at the Euler load. A bar that is not quite" in text
         assert "arning: statics: element 9: at the yield force" in text
-    less = [f"{name}={value}" for name, value in (("load.steps", 2), ("group.soft.yield_stress", 1e12))]
-    tables = nodes.replace(f"{-1.5 * EULER}", f"{-0.5 * EULER}"), hung[1]
-    job = both_ways.job(STATICS.replace("[load]", f"{BUCKLES}{soft}[load]"), *tables)
-    with both_ways.run(job, "--set", less[0], "--set", less[1]) as f:
+    (both_ways.folder / "nodes.csv").write_text(nodes.replace(f"{-1.5 * EULER}", f"{-0.5 * EULER}"))
+    with both_ways.run(job, "--set", "load.steps=2", "--set", "group.soft.yield_stress=1e12") as f:
         assert not {"buckled", "yielding"} & set(f["statics"].attrs)
 
 
 NAMELESS = (STATICS + POST).replace("modulus = 1.95e11\narea = 683.08e-6\ndensity = 7850.0\n", "")
 NAMELESS = NAMELESS.replace(
-    "modulus = 2.1e11\narea = 3e-3\n", "axial_stiffness = 6e8\nmass_per_length = 20.0\n"
+    "modulus = 2.1e11\narea = 3e-3\n", "axial_stiffness = 6e8\nmass_per_length = 20\n"
 )
 NAMELESS = NAMELESS.replace("[cable]\n", "[cable]\naxial_stiffness = 1e8\nmass_per_length = 5.0\n")
 
@@ -299,12 +287,6 @@ def test_a_study_names_elements_that_break_in_compression(workshop):
     text = STATICS + case + POST + "fracture_strain = 1e-3\nbuckling = true\n"
     job = workshop.job(text, NODES, ELEMENTS)
     assert used_by(job) == pytest.approx(200e3 / (2.1e11 * 3e-3 * 1e-3), rel=1e-6)
-
-
-def test_a_breaking_load_above_the_euler_load_is_never_reached(workshop):
-    """The post buckles, and returns."""
-    _, f = dropped(workshop, f"breaking_load = {1.5 * EULER}\n")
-    assert not len(f["events/time"])
 
 
 @pytest.mark.parametrize("ranks", [2, 3])
