@@ -34,30 +34,20 @@ def test_the_given_checkpoint_remains(workshop):
     assert steps(workshop.folder) == [4000, 5000]
 
 
-def test_requeued_runs_leave_the_last_two_checkpoints(workshop):
-    """Repeatedly stopped at the first check and resumed from the newest: that one and another remain."""
-    job = tiny_job(workshop, 0.45)
-    workshop.run(job, *AT_ONCE, code=4)
-    for k in range(4):
-        newest = max(workshop.folder.glob("result.checkpoint-*"))
-        workshop.run(job, *AT_ONCE, "--restart", newest, code=4)
-        assert steps(workshop.folder) == [100_000 * k, 100_000 * (k + 1)]
-        assert newest.exists()
-
-
-def test_a_checkpoint_in_another_folder_remains(workshop):
-    """The run resumes in a second folder, stops and resumes again: the first file does not change."""
-    job = tiny_job(workshop, 0.15)
+def test_requeued_runs_leave_the_last_two_checkpoints_and_those_of_another_folder(workshop):
+    """Stopped, resumed in a second folder, then from the newest there to the end: the first one remains."""
+    job = tiny_job(workshop, 0.35)
     whole = workshop.run(job, output="whole.vtkhdf")
     for folder in ("first", "second"):
         (workshop.folder / folder).mkdir()
     workshop.run(job, *AT_ONCE, output="first/result.vtkhdf", code=4)
     (given,) = (workshop.folder / "first").glob("*.checkpoint-*")
-    before = given.read_bytes()
-    workshop.run(job, *AT_ONCE, "--restart", given, output="second/result.vtkhdf", code=4)
-    (newer,) = (workshop.folder / "second").glob("*.checkpoint-*")
-    again = workshop.run(job, "--restart", newer, output="second/result.vtkhdf")
-    assert_same_results(whole, again)
+    before, newest, second = given.read_bytes(), given, workshop.folder / "second"
+    for k in (1, 2, 3):
+        workshop.run(job, *AT_ONCE, "--restart", newest, output="second/result.vtkhdf", code=4)
+        assert steps(second) == [100_000 * each for each in (k - 1, k) if each]
+        newest = max(second.glob("*.checkpoint-*"))
+    assert_same_results(whole, workshop.run(job, "--restart", newest, output="second/result.vtkhdf"))
     assert given.read_bytes() == before
 
 
