@@ -42,10 +42,8 @@ def wheel(folder, angle: float, more: str = "", tighter: float = 1.0, guides: bo
 
     Of the supports at the ring one is held along a line and has a spring across, two have springs.
     """
-    place = ROOT / "jobs" / "wheel.toml"
-    net = build_net(
-        read_job(place, ["net.wheel.spokes=12", "net.wheel.hoops=1", "net.wheel.ring_groups=false"])
-    )
+    changes = [f"net.wheel.{change}" for change in ("spokes=12", "hoops=1", "ring_groups=false")]
+    net = build_net(read_job(ROOT / "jobs" / "wheel.toml", changes))
     supports = np.flatnonzero(net.fixed.any(1))
     fixed, spring = net.fixed.astype(int), np.zeros((net.n, 3))
     spring[supports[1], :2], spring[supports[2], :2] = (2e7, 0.0), (3e7, 5e6)
@@ -77,6 +75,12 @@ def both(folder: Path, of, *more, **how) -> list:
     return [of(wheel(folder / name, angle, *more, **how)) for name, angle in angles.items()]
 
 
+def guided_in(job: Path, cells=("0", "1")) -> tuple[int, str]:
+    """Return row and id of the first node whose columns from fixed_x on have these cells."""
+    rows = [line.split(",") for line in (job.parent / "nodes.csv").read_text().splitlines()[1:]]
+    return next((k, row[0]) for k, row in enumerate(rows) if row[4 : 4 + len(cells)] == list(cells))
+
+
 def result_of(job: Path):
     """Return the result of a job, next to its folder and with its name."""
     return Workshop(job.parent.parent, True).run(job, output=f"{job.parent.name}.vtkhdf")
@@ -98,14 +102,16 @@ def rotated_rows(rows: np.ndarray) -> np.ndarray:
     return from_rotated_axes(rows, np.full(len(rows), ANGLE))
 
 
+def assert_rotated(one, other, within: float = SAME, row=...) -> None:
+    """Check that tensions of two states are equal, and displacements and reactions rotated."""
+    assert apart(one["tension"][row], other["tension"][row]) < within
+    for name in ("displacement", "reaction"):
+        assert apart(rotated_rows(one[name][row]), other[name][row]) < within, name
+
+
 @pytest.mark.parametrize("place", ["statics", "cases/snow", "cases/all"])
 def test_a_net_rotated_with_its_supports_has_rotated_results(wheels, place):
-    one, other = (f[place] for f in wheels)
-    last = -1 if place == "statics" else ...
-    assert apart(one["tension"][last], other["tension"][last]) < SAME
-    assert apart(rotated_rows(one["displacement"][last]), other["displacement"][last]) < SAME
-    if place != "statics":
-        assert apart(rotated_rows(one["reaction"][:]), other["reaction"][:]) < SAME
+    assert_rotated(*(f[place] for f in wheels), row=-1 if place == "statics" else ...)
 
 
 def test_the_reactions_of_the_report_rotate_with_the_net(wheels):
@@ -162,10 +168,7 @@ FORM = "[form_finding]\ntolerance = 3e-11\nmodulus_factor = 1.0\n"
 def test_forms_and_springs_with_initial_reactions_rotate(tmp_path):
     """Form finding also holds rotated axes with springs, which then carry the reactions without motion."""
     results = both(tmp_path, result_of, FORM, tighter=1.05)
-    one, other = (f["cases/all"] for f in results)
-    assert apart(one["tension"][:], other["tension"][:]) < SAME_FORM
-    assert apart(rotated_rows(one["displacement"][:]), other["displacement"][:]) < SAME_FORM
-    assert apart(rotated_rows(one["reaction"][:]), other["reaction"][:]) < SAME_FORM
+    assert_rotated(*(f["cases/all"] for f in results), SAME_FORM)
     assert np.abs(results[1]["provenance/net/spring_rest"][:]).max() > 1e-6
 
 
@@ -210,8 +213,7 @@ set = {{"load.snow" = 200.0}}
 
 def test_stages_of_erection_rotate_with_the_supports(tmp_path):
     def of(job):
-        lines = (job.parent / "nodes.csv").read_text().splitlines()[1:]
-        guided = next(line.split(",")[0] for line in lines if line.split(",")[4:8] == ["1", "0", "1", "0.0"])
+        guided = guided_in(job, ["1", "0", "1", "0.0"])[1]
         loads = JOB.split("[[case]]")[0].replace("steps = 2", "steps = 0")
         job.write_text(loads + STAGES.format(guided=guided))
         return result_of(job)
@@ -220,20 +222,15 @@ def test_stages_of_erection_rotate_with_the_supports(tmp_path):
     for stage in ("tight", "let go"):
         one, other = (f[f"stages/{stage}"] for f in results)
         assert one.attrs["state"] == other.attrs["state"] == "equilibrium"
-        assert apart(one["tension"][:], other["tension"][:]) < SAME
-        for rows in ("displacement", "reaction"):
-            assert apart(rotated_rows(one[rows][:]), other[rows][:]) < SAME, rows
+        assert_rotated(one, other)
 
 
 def test_a_guided_support_moves_while_both_axes_are_held(tmp_path):
     """Otherwise it is refused with this remedy. Later it keeps its displacement across the guide."""
     job = wheel(tmp_path / "w", ANGLE)
-    lines = (tmp_path / "w" / "nodes.csv").read_text().splitlines()[1:]
-    row, guided = next(
-        (k, cells) for k, cells in enumerate(line.split(",") for line in lines) if cells[4:6] == ["0", "1"]
-    )
-    move = f'[[stage]]\nname = "moved"\nmove = {{{guided[0]} = [0.0, 0.001, 0.0]}}\n'
-    held = f'hold = {{{guided[0]} = "xy"}}\n[[stage]]\nname = "free"\nrelease = {{{guided[0]} = "x"}}\n'
+    row, guided = guided_in(job)
+    move = f'[[stage]]\nname = "moved"\nmove = {{{guided} = [0.0, 0.001, 0.0]}}\n'
+    held = f'hold = {{{guided} = "xy"}}\n[[stage]]\nname = "free"\nrelease = {{{guided} = "x"}}\n'
     text = JOB.split("[[case]]")[0].replace("steps = 2", "steps = 0")
     job.write_text(text + move)
     done = Workshop(tmp_path, True).run(job, code=2)
@@ -241,7 +238,7 @@ def test_a_guided_support_moves_while_both_axes_are_held(tmp_path):
     assert advice in done.stdout + done.stderr
     job.write_text(text + move + held)
     f = Workshop(tmp_path, True).run(job)
-    angle = np.radians(float(guided[-1]))
+    angle = np.radians(ANGLE)
     moved, free = (f[f"stages/{name}/displacement"][row] for name in ("moved", "free"))
     assert moved == pytest.approx([0.0, 0.001, 0.0], abs=1e-12)
     along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
@@ -312,12 +309,10 @@ def test_features_without_rotated_supports_are_refused(tmp_path, more, words):
 def test_a_guided_support_can_settle_only_along_z(tmp_path):
     """Along x or y: exit code 2. An angle without held axes is a note."""
     job = wheel(tmp_path / "w", ANGLE)
-    nodes = (tmp_path / "w" / "nodes.csv").read_text().splitlines()
-    guided = next(line for line in nodes[1:] if line.split(",")[4:6] == ["0", "1"]).split(",")[0]
-    job.write_text(JOB + f'[[case]]\nname = "way"\nsettlement = {{{guided} = [0.01, 0.0, -0.02]}}\n')
+    case = f'[[case]]\nname = "way"\nsettlement = {{{guided_in(job)[1]} = [0.01, 0.0, -0.02]}}\n'
+    job.write_text(JOB + case)
     done = Workshop(tmp_path, True).run(job, code=2)
     assert "settles only along z" in done.stdout + done.stderr
-    (tmp_path / "w" / "nodes.csv").write_text("\n".join(nodes))
     job.write_text(JOB)
     assert "column angle of" in run_on_standing_ranks("check", job).stdout
 
