@@ -79,9 +79,8 @@ def check(compare, case: str, what: str, unit: str, ours, theirs, fit, absolute:
         if len(place) > 1:
             band = f" at {wind.SEPARATIONS[place[0]] * wind.SIDE / wind.CELLS:g} m, worst octave{band}"
         because = f"fit of the lags {fit[place]:g}; {SCATTER:g} standard errors"
-        compare(f"{case}: {what}{band}", PYCONTURB).figures(
-            a[place], b[place], allowed[place], because, unit, 1.0 if absolute else None
-        )
+        figures, scale = (a[place], b[place], allowed[place]), 1.0 if absolute else None
+        compare(f"{case}: {what}{band}", PYCONTURB).figures(*figures, because, unit, scale)
 
 
 BANDS = np.array([FIT] * (len(wind.OCTAVES) - 1) + [FIT_LAST])
@@ -123,9 +122,8 @@ def test_the_errors_of_few_points_are_those_of_check(compare, theirs, request):
     gust = make_gust(settings)
     n = np.geomspace(0.5 / wind.DURATION, 0.5 / wind.DT, 400)
     weight = np.gradient(n) * gust.spectrum(n)
-    announced = float(
-        np.sqrt(load_power((x, square_variances(vector)), vector, points, settings, n, weight[None])[0])
-    )
+    power = load_power((x, square_variances(vector)), vector, points, settings, n, weight[None])[0]
+    announced = float(np.sqrt(power))
     means = field_of("area_mean", 25)[1]
     share = float(np.sqrt(np.mean(means.deviation**2))) / wind.sampled_deviation(wind.davenport)
     runs = count(40, 6, request)
@@ -136,9 +134,8 @@ def test_the_errors_of_few_points_are_those_of_check(compare, theirs, request):
         ours, other = realisations(field, runs)[name], theirs[f"davenport/{name}"]
         error = np.hypot(*(v.std(ddof=1) / np.sqrt(len(v)) / v.mean() for v in (ours, other)))
         ratio, why = ours.mean() / other.mean(), "fit of the lags 0.02; 3 standard errors"
-        compare(f"{what}, over PyConTurb's", "netfall check").figures(
-            ratio, expected, 0.02 + SCATTER * error, why
-        )
+        case = compare(f"{what}, over PyConTurb's", "netfall check")
+        case.figures(ratio, expected, 0.02 + SCATTER * error, why)
 
 
 @pytest.mark.long

@@ -13,6 +13,7 @@ import collapse_reference as torn
 import numpy as np
 import pytest
 from conftest import ROOT, run_process
+from nets import table
 
 THEME, OTHERS = "Other programs", {"opensees": "OpenSees, MinMax", "lammps": "LAMMPS, fix bond/break"}
 FIRST = 12  # fractures with compared order
@@ -39,16 +40,11 @@ def tear(workshop, load: float, run: int = 0, steps: int = torn.STEPS, fragments
     x, fixed, elements, kind = torn.net()
     corners = np.unique(elements)  # all except the corners
     numbers = np.column_stack([corners, x[corners], fixed[corners], torn.loads(load, run)[corners]])
-    nodes = "id,x,y,z,fixed,load_z,mass\n" + "".join(
-        f"{int(p)},{a!r},{b!r},{c!r},{int(held)},{force!r},{torn.CARRIED!r}\n"
-        for p, a, b, c, held, force in numbers.tolist()
-    )
-    strength = torn.CLASSES[kind].tolist()
+    rows = ((int(p), *xyz, int(held), force, torn.CARRIED) for p, *xyz, held, force in numbers.tolist())
+    nodes = table("id,x,y,z,fixed,load_z,mass", rows)
+    rows = ((*pair, torn.L0, strain) for pair, strain in zip(elements, torn.CLASSES[kind]))
     text = JOB.format(duration=steps * torn.STEP, fragments=str(fragments).lower())
-    table = "start,end,unstressed_length,fracture_strain\n" + "".join(
-        f"{a},{b},{torn.L0!r},{strain!r}\n" for (a, b), strain in zip(elements.tolist(), strength)
-    )
-    with workshop.solve(text, nodes, table) as f:
+    with workshop.solve(text, nodes, table("start,end,unstressed_length,fracture_strain", rows)) as f:
         events = f["events"]
         first = np.unique(events["element"][:], return_index=True)[1]
         order = np.column_stack([events["step"][:], events["element"][:]])[np.sort(first)]
@@ -121,13 +117,10 @@ def test_intact_motion_and_first_fractures(shared_workshop, compare, theirs, k):
         if not len(other):
             assert not len(order)
             continue
-        compare(f"{case}: step of the first fracture", source).figures(
-            order[0, 0], other[0, 0], 0, "the same step"
-        )
-        both = np.isin(order[:FIRST, 1], other[:FIRST, 1]).sum()
-        compare(f"{case}: of the first {FIRST} broken elements, the same", source).figures(
-            both, FIRST, 1, "at the end of the list one may be the next", scale=1.0
-        )
+        of = lambda what: compare(f"{case}: {what}", source)
+        of("step of the first fracture").figures(order[0, 0], other[0, 0], 0, "the same step")
+        both, why = np.isin(order[:FIRST, 1], other[:FIRST, 1]).sum(), "the last one may be the next"
+        of(f"of the first {FIRST} broken elements, the same").figures(both, FIRST, 1, why, scale=1.0)
 
 
 @pytest.mark.long
@@ -158,8 +151,7 @@ def test_distribution_of_chaotic_results(shared_workshop, compare, theirs, k):
             (3, "kinetic energy after 1 s", 0.05, "J"),
         ):
             a, b = np.median(ours[:, j]), np.median(other[:, j])
-            compare(f"the same net under {load / 1e3:g} kN, 20 runs: median of {what}", source).figures(
-                a, b, most, "netfall takes an element out one step later", unit, max(b, 1.0)
-            )
+            case = compare(f"the same net under {load / 1e3:g} kN, 20 runs: median of {what}", source)
+            case.figures(a, b, most, "netfall takes an element out one step later", unit, max(b, 1.0))
         hanging = ours[:, 2].mean(), other[:, 2].mean()
         assert abs(hanging[0] - hanging[1]) < 0.5, hanging
