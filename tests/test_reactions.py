@@ -293,3 +293,17 @@ def test_the_peak_reaction_of_a_broken_cable_has_the_direction_from_before_the_f
     assert f["events/element"][:].tolist() == [0, 1]
     assert e["reaction_max"][:2] == pytest.approx(e["tension_max"][:], rel=1e-12)
     assert e["reaction_lowest"][:2, 2] == pytest.approx(-0.8 * e["tension_max"][:], rel=0.01)
+
+
+@pytest.mark.parametrize("duration", [0.0, 0.2])
+def test_the_reaction_before_a_removal_has_the_peak_of_its_cable(workshop, duration):
+    """A support moves down, and a removal between two rows ends the increase of a cable's tension."""
+    nodes = "id,x,y,z,fixed,load_z,mass\n1,0,0,0,1,0,0\n2,0,0,-10,0,-1000,100\n3,0,0,-20,1,0,0\n"
+    text = "[cable]\naxial_stiffness = 1e6\nmass_per_length = 1e-3\n[load]\nself_weight = false\nsteps = 1\n"
+    text += '[[motion]]\nnodes = [3]\ndisplacement = "move.csv"\n'
+    text += f"[[remove]]\nelements = [0]\ntime = 0.0584\nduration = {duration}\n"
+    text += "[dynamics]\nduration = 0.1\ntime_step = 1e-4\n[output]\nhistory_interval = 0.0045\n"
+    job = workshop.job(text, nodes, "start,end,unstressed_length\n1,2,10\n2,3,9.99\n")
+    (job.parent / "move.csv").write_text("time,z\n0,0\n1,-1\n")
+    e = workshop.run(job)["envelope"]
+    assert e["reaction_max"][0] == pytest.approx(e["tension_max"][0], rel=1e-12)

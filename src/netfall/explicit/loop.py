@@ -55,7 +55,7 @@ class Interval(NamedTuple):
     zeta : [1/s] damping; sample_time : [s] of the sample before; sample_dt : [s] from it to the one after
     trial : whether nothing breaks yet: the steps are reverted if an element reaches its fracture strain
     pending : elements still to break in the step before the first, if there are no steps
-    row : whether only the row of the first step is made, if it is due
+    row : whether only the envelope is updated at the first step, and its row made if it is due
     """
 
     first: int
@@ -432,7 +432,7 @@ def time_loop(interval: Interval, work: LoopState) -> tuple[int, int, int]:
         call(work.break_pending, (pending, 0, first - 1, dt, stride, work))
     for s in range(max(steps, int(only_row))):
         n = first + s
-        due = is_due(n * stride, work.rows)
+        due = only_row or is_due(n * stride, work.rows)
         if due or needs_first:
             in_second = return_positions(in_second, work)
         if is_present(work.ground.start):

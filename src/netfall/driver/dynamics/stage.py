@@ -227,8 +227,12 @@ class Simulation(Stepper):
             self.collect_rows()
         if not self.rows.is_due(self.n):
             return False
-        self.plan.run(self.interval(self.n)._replace(row=True), self.phases.of_steps)
+        self.update_envelope()
         return True
+
+    def update_envelope(self) -> None:
+        """Update the envelope at the present step, and make its history row if it is due and missing."""
+        self.plan.run(self.interval(self.n)._replace(row=True), self.phases.of_steps)
 
     def snapshot(self) -> energy.Snapshot:
         """Take a snapshot of the present step, with the loads at its time. It replaces the last snapshot."""
@@ -285,6 +289,7 @@ class Simulation(Stepper):
 
     def remove_members(self, removal: MemberRemoval) -> None:
         """Carry out the member removal that is due at the present step. Collective."""
+        self.update_envelope()  # before the extremes of the axial forces restart
         self.plan.collect()
         self.share_events()
         elements = self.state.present_element_state()
