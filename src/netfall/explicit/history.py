@@ -182,8 +182,8 @@ class History:
         for name, share in ERROR_REFERENCE.items():
             energy, least = REFERENCE_ENERGIES[share](columns), self.scales[share]
             scale = np.maximum.accumulate(np.maximum(energy, least))
-            begun = np.argmax(scale > least)  # the first row of the motion
-            scale = np.where(time <= soon[begun], scale[last], scale)
+            first = np.argmax(scale > least)  # row of the motion
+            scale = np.where(time <= soon[first], scale[last], scale)
             columns[name] = columns[name] / np.where(scale > 0.0, scale, 1.0)
         return columns
 
