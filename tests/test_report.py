@@ -931,6 +931,19 @@ def test_elements_that_yield_under_permanent_loads_fail(workshop):
         assert is_named == is_listed == (result == "FAILS")
 
 
+def test_elements_above_their_strength_under_permanent_loads_pass_in_erection(workshop):
+    """The cables carry nothing in the stage, and 3.2 kN/m2 later."""
+    nodes = "id,x,y,z,fixed,area\n1,-10,0,0,1,0\n2,10,0,0,1,0\n3,0,0,-1,0,10\n"
+    text = "[cable]\nmodulus = 1.6e11\narea = 1e-4\ndensity = 7850.0\nbreaking_load = 1e5\n[roof]\n"
+    text += "[load]\nself_weight = false\ndead = 3.2e3\n[[case]]\nname = 'suction'\n"
+    text += (
+        "set = {'load.pressure' = [0.0, 0.0, 600.0]}\n[[stage]]\nname = 'bare'\nset = {'load.dead' = 10.0}\n"
+    )
+    workshop.solve(text, nodes, "id,start,end\n1,1,3\n2,3,2\n").close()
+    results = {row["check"]: row["result"] for row in rows_of(workshop.report().folder / "checks.csv")}
+    assert (results["en1993"], results["en1993_erection"]) == ("FAILS", "passes")
+
+
 @pytest.mark.parametrize(("count", "failing"), [(10, 10), (MOST_MARKED, MOST_MARKED + 5)])
 def test_unlisted_elements_at_a_limit_count_as_all(count, failing):
     """An attribute lists 4096 elements. The others that yield are unknown."""

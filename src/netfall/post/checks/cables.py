@@ -132,7 +132,7 @@ class ElementCheck:
     the largest utilisation
     of : index of that stage in the envelope
     fails : utilisation above 1, or the element yields, buckles, breaks or exceeds its strength in these
-    stages or under the permanent loads; its demand is then unknown, because its force is limited. In checks
+    stages, permanent loads included; its demand is then unknown, because its force is limited. In checks
     of tension an element with only a fracture strain fails without a utilisation.
     reason : one of NOT_VERIFIED; "": each stage that counts for the check is a stable equilibrium
     unchecked : element of a bending chain with moments that no check includes
@@ -248,7 +248,7 @@ def check_elements(
         most, of = states.largest_over_stages(np.where(stages[:, None], demand, np.nan))
         force, utilisation = force[of, rows], np.where(unused, np.nan, most / resistance)
         beyond = (
-            overloaded
+            (overloaded & (stages & (kinds == PERMANENT)).any())
             | (utilisation > 1.0)
             | (force >= REACHED_SHARE * cap)
             | (failed & (stages & is_motion).any())
