@@ -817,6 +817,16 @@ def test_notes_of_a_run_are_in_its_result_and_report(workshop):
         assert (f"warning: {off}" in workshop.info(), f"- **warning: {off}" in page) == (is_noted, is_noted)
 
 
+def test_cables_are_slack_in_a_case_of_any_name(workshop):
+    """The page separates names of states by semicolons, which may be part of a name."""
+    text = BARE.replace("[cable]", "[cable]\nprestress = 20e3") + "[load]\nself_weight = false\n"
+    text += "[[case]]\nname = 'wind; up'\nload_table = 'up.csv'\n"
+    (workshop.folder / "up.csv").write_text("node,load_z\n2,-100e3\n")
+    nodes = "id,x,y,z,fixed\n1,0,0,10,1\n2,0,0,5,0\n3,0,0,0,1\n"
+    workshop.solve(text, nodes, "id,start,end\n1,1,2\n2,2,3\n").close()
+    assert "| e1 |  | case wind; up |\n" in workshop.report().page
+
+
 def test_the_picture_names_checks_that_it_does_not_show(workshop, monkeypatch):
     """50 kN of 100 kN: 0.75 of the resistance of EN 1993-1-11 for ultimate loads, 1.11 in service. Without
     ultimate loads no check counts.

@@ -331,8 +331,6 @@ def cable_columns(
     governing = _first_by_cable(ranking, cable)  # the governing element of each cable
     most_tensioned, least_tensioned = (_first_by_cable(N, cable) for N in (envelope.most, -envelope.least))
     strengths = {name: np.where(np.isinf(N), np.nan, N) for name, N in tensile_strengths(f).items()}
-    slack = _reduce_by_cable(np.logical_or, envelope.slack, cable)
-    slack &= ~_reduce_by_cable(np.logical_or, envelope.gone, cable)
     columns = {
         "cable": f["net/cable_names"].asstr()[:].astype(object),
         "group": elements["group"][governing],
@@ -347,7 +345,7 @@ def cable_columns(
         "element_max": elements["element"][most_tensioned],
         "tension_min": envelope.least[least_tensioned],
         "case_min": elements["case_min"][least_tensioned],
-        "slack_in": _slack_stages(envelope.names, slack),
+        "slack_in": _slack_stages(envelope.names, slack_cables(f, envelope)),
         "lost_at": _reduce_by_cable(np.fmin, elements["lost_at"], cable),
         "broken_at": _reduce_by_cable(np.fmin, elements["broken_at"], cable),
     }
@@ -359,6 +357,14 @@ def cable_columns(
         for quantity in ("resistance", "utilisation", "result", one.check.of, "case"):
             columns[f"{quantity}_{one.name}"] = elements[f"{quantity}_{one.name}"][decisive]
     return columns
+
+
+def slack_cables(f: h5py.File, envelope: states.Envelope) -> np.ndarray:
+    """Select the intact cables (stages, cables) that have a slack element in each stage."""
+    slack, gone = (
+        _reduce_by_cable(np.logical_or, rows, f["net/cable"][:]) for rows in (envelope.slack, envelope.gone)
+    )
+    return slack & ~gone
 
 
 def cutting_columns(f: h5py.File, cutting: Cutting) -> dict[str, np.ndarray]:

@@ -12,7 +12,7 @@ import numpy as np
 from netfall.core.messages import count_of, mm, warning_count
 from netfall.job.values import format_list
 from netfall.post.checks.bending import is_concrete
-from netfall.post.checks.cables import PASSES, Cutting, ElementCheck, element_groups
+from netfall.post.checks.cables import PASSES, Cutting, ElementCheck, element_groups, slack_cables
 from netfall.post.checks.cases import limits_of
 from netfall.post.checks.ends import end_weights
 from netfall.post.checks.nodes import FRICTION_SAFETY
@@ -100,7 +100,7 @@ def summary(
         "Tensions": _tensions(f, envelope, checked[0]),
         "Member removals": "removal" in f and _removals(f, checked, tables["elements.csv"]),
         "Removed and broken cables": _failed_cables(cables),
-        "Slack cables": _slack(cables, envelope),
+        "Slack cables": _slack(f, cables, envelope),
         "Reactions": _reactions(f, tables["reactions.csv"]),
         "Cutting list": _cutting(f, tables["cutting_list.csv"], cutting),
         "Shop list": _shop(f, tables["shop_list.csv"]),
@@ -305,12 +305,12 @@ def _failed_cables(cables: dict[str, np.ndarray]) -> list[str]:
     return lines + md.as_table(["cable", "group", "removed at", "broke at"], table, "cables.csv")
 
 
-def _slack(cables: dict[str, np.ndarray], envelope: Envelope) -> list[str]:
+def _slack(f: h5py.File, cables: dict[str, np.ndarray], envelope: Envelope) -> list[str]:
     """Return the table of slack cables."""
     has_force = np.any(np.nan_to_num([envelope.high, envelope.low]), axis=(0, 2))  # (stages,)
     names, forceless = (list(compress(envelope.names, which)) for which in (has_force, ~has_force))
     text = [f"No element has a force in: {'; '.join(forceless)}.", ""] * bool(forceless)
-    slack = [[name for name in stages.split("; ") if name in names] for stages in cables["slack_in"]]
+    slack = [list(compress(names, of_cable)) for of_cable in slack_cables(f, envelope)[has_force].T]
     stages_of = {k: _abbreviate_stages(stages, names) for k, stages in enumerate(slack) if stages}
     if not stages_of:
         return text + [f"No intact cable is slack in any of: {', '.join(names)}."] * bool(names)
