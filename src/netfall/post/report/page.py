@@ -66,7 +66,8 @@ COLUMNS = {
     "slides.csv": "with `[[slide]]`, one row per clamp or saddle and stage: tensions on both sides and "
     "their difference, slip resistance [N], utilisation, slip [m]; the largest for `dynamics`",
     "shop_list.csv": "one row per set of equal pieces: lengths and marks of clamps (of the first "
-    "cable, from its end of the smaller node id) [mm] under the measuring load [N] at the temperature [K], sum of the deductions at both ends, mass [kg] of one piece",
+    "cable, from its end of the smaller node id) [mm] under the measuring load [N] "
+    "at the temperature [K], sum of the deductions at both ends, mass [kg] of one piece",
 }
 
 
