@@ -14,6 +14,7 @@ from study_files import columns, drawn_samples, net, study_lines, write_study
 from netfall.cli.parser import read_command
 from netfall.cli.results import info
 from netfall.core.errors import InputError
+from netfall.post.plots.canvas import MARK
 from netfall.post.plots.study.maps import loss_map
 from netfall.post.plots.study.study import pictures_of
 from netfall.results.file import open_result
@@ -361,12 +362,15 @@ def test_reasons_that_differ_in_ids_are_one(tmp_path):
 
 
 def test_a_study_is_plotted_and_exported(storm, tmp_path, capsys):
-    """The pictures depend on its data. The table has every number, with units in its first line."""
+    """Pictures depend on its data; earlier others go. The table has every number, with units in line 1."""
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "storm_hazard.png").write_bytes(MARK)
     read_command(["plot", str(storm), "-o", str(tmp_path / "out")])()
     written = capsys.readouterr().out.split()
     names = [f"storm_{name}" for name in ("fragility.png", "breaks.png", "samples.csv")]
     assert written == [str(tmp_path / "out" / name) for name in names]
     assert all((tmp_path / "out" / name).stat().st_size > 10_000 for name in names)
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {*names}
     with open(tmp_path / "out" / "storm_samples.csv") as file:
         head = file.readline()
         rows = list(csv.DictReader(file))
