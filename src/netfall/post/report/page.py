@@ -35,6 +35,7 @@ from netfall.results.states import Envelope
 
 SHOWN_ROWS = 10  # rows of the most used elements after removals
 NEGLIGIBLE_SUM = 1e-8  # share of the summed forces; smaller sums are residuals of the equilibrium
+NEGLIGIBLE_SLIP = 1e-9  # m; smaller slips are residuals of the equilibrium
 ALL_STAGES = "all stages"
 COLUMNS = {
     "cables.csv": "one row per cable: strength [N]; largest tension at an end and smallest in the middle "
@@ -215,7 +216,8 @@ def _slides(table: dict[str, np.ndarray]) -> list[str]:
         row = {name: values[worst] for name, values in columns.items()}
         holds = row["holds"]  # nan for saddles in motion, because their tensions are not recorded
         held = "not known" if np.isnan(holds) else md.force(holds)
-        slipped = f"{(slip > 0.0).sum()}, by up to {1e3 * slip.max():.4g} mm" if slip.any() else "none"
+        count = (slip > NEGLIGIBLE_SLIP).sum()
+        slipped = f"{count}, by up to {1e3 * slip.max():.4g} mm" if count else "none"
         where, difference = f"node {row['node']}, cable {row['cable']}", md.force(abs(row["difference"]))
         rows.append([stage, where, difference, held, md.share(row["utilisation"]), slipped])
     explanation = [
