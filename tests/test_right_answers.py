@@ -541,6 +541,10 @@ def test_nodes_below_the_profile_of_the_wind_are_named(workshop):
     (note,) = lines_with("base_height", "check", job)
     assert "nodes in the wind less than 1 m above ground: 2; the lowest is node 4 at -1 m" in note
     assert "base_height" not in run_on_standing_ranks("check", job, "--set", "wind.base_height=4.0").stdout
+    values = "{speed = 20, pressure_coefficient = -1, base_height = 2}"
+    cases = "".join(f"[[case]]\nname = '{name}'\nset = {{wind = {values}}}\n" for name in ("west", "east"))
+    (note,) = lines_with("base_height", "check", workshop.job(SECTION + cases, nodes, elements))
+    assert note.startswith("warning: [[case]] west: base_height = 2: nodes in the wind less than 1 m above")
 
 
 def test_a_group_with_a_similar_name_of_section_is_named(workshop):

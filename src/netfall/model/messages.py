@@ -159,7 +159,7 @@ STARTS_BEYOND_LIMIT = Message(
 )
 BELOW_WIND_PROFILE = Message(
     "W436",
-    "[wind] base_height = {base_height:g}: nodes in the wind less than {lowest:g} m above ground: {count}; "
+    "{place} base_height = {base_height:g}: nodes in the wind less than {lowest:g} m above ground: {count}; "
     "the lowest is node {node} at {height:.4g} m. They get the speed at {lowest:g} m. "
     "Check base_height, the height of z = 0 above ground.",
     "The power law of the wind profile ends near the ground. The speed below is not known; netfall uses that "

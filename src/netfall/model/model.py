@@ -204,8 +204,11 @@ def make_model(
     motion = make_motion(job, net, x, before_stages) if derived.moves_supports(job) else None
     notes += motion.notes if motion else []
     notes += sudden_load_notes(job, (loading.permanent + loading.live - form_load)[~net.fixed])
-    if field:
-        notes += low_node_notes(job, net, x, field.force)
+    winds: dict[str, Any] = {"[wind]": (job.wind, field.force)} if field else {}
+    for name, wind in ((name, case.wind) for name, case in layout.cases.items() if case.wind):
+        drag = loads.drag_areas(roof, wind, job.load)
+        winds[f"[[case]] {name}:"] = wind, loads.wind_force_area(wind, roof, drag)
+    notes += low_node_notes(net, x, winds)
     notes += [*absent_member_notes(job, net), *superposed_excitation_notes(job, bool(field and field.varies))]
     panels_tear = field and job.wind.after_fracture == "panels"
     return Model(

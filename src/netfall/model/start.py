@@ -258,19 +258,27 @@ def describe_element(net: Net, e: int, L0: np.ndarray) -> str:
     return f"{net.element_id[e]} (nodes {ids}, {L0[e]:.4g} m)"
 
 
-def low_node_notes(job: Job, net: Net, x: np.ndarray, wind: np.ndarray) -> Iterator[str]:
+def low_node_notes(net: Net, x: np.ndarray, winds: dict[str, tuple[Any, FloatArray]]) -> Iterator[str]:
     """Yield a warning on nodes below ground, or below the range of the wind profile.
 
-    x : (n, 3) [m]; wind : (n, 3) [N s2/m2] force at 1 m/s
+    x : (n, 3) [m]; winds : section and force (n, 3) [N s2/m2] at 1 m/s, by their place in the job; of
+        those with the same base_height the first is named
     """
-    height = x[:, 2] + job.wind.base_height
-    low = np.flatnonzero((height < LOWEST_HEIGHT) & wind.any(1) & ~net.fixed.all(1))
-    if not job.wind.pressures and len(low):
-        p, count, base_height = low[np.argmin(height[low])], len(low), job.wind.base_height
-        node, above_ground = net.node_id[p], height[p]
-        yield messages.BELOW_WIND_PROFILE(
-            count=count, node=node, base_height=base_height, lowest=LOWEST_HEIGHT, height=above_ground
-        )
+    named = set()
+    for place, (wind, force) in winds.items():
+        height = x[:, 2] + wind.base_height
+        low = np.flatnonzero((height < LOWEST_HEIGHT) & force.any(1) & ~net.fixed.all(1))
+        if len(low) and wind.profile_exponent and not wind.pressures and wind.base_height not in named:
+            named.add(wind.base_height)
+            p = low[np.argmin(height[low])]
+            yield messages.BELOW_WIND_PROFILE(
+                place=place,
+                base_height=wind.base_height,
+                count=len(low),
+                node=net.node_id[p],
+                height=height[p],
+                lowest=LOWEST_HEIGHT,
+            )
 
 
 def point_notes(key: str, what: str, net: Net, places: np.ndarray | None, axes: int = 2) -> Iterator[str]:
