@@ -144,6 +144,8 @@ def test_a_combination_with_the_mean_wind_is_a_warning(workshop):
     (note,) = notes_of(workshop, text, "")
     assert note.startswith("warning: [[case]] mean, north: set: no wind.pressure_factor")
     assert 'so the pressure in [[combination]] "U", "W" is that of the mean speed. ' in note
+    (note,) = make_layout(read_job(workshop.job(SADDLE + LOAD + case("only", f"set = {{{WIND}}}"))), 1).notes
+    assert note.startswith("warning: [[case]] only: set: no wind.pressure_factor, so the pressure is that of")
 
 
 def test_factors_apply_to_permanent_loads_and_prestress(workshop):

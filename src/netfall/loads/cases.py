@@ -146,12 +146,15 @@ def _omitted_action_notes(job: Job, loaded: bool) -> Iterator[str]:
 
 
 def _wind_without_gusts_notes(job: Job) -> list[str]:
-    """Return a warning if combinations include static winds of the mean pressure."""
+    """Return a warning if combinations, or without any the checks, use static winds of the mean pressure."""
     cases = [c.name for c in job.cases if has_static_wind(c) and "wind.pressure_factor" not in c.set]
     uses = {one.name: [name for name in cases if action_factor(one, name)] for one in job.combinations}
     used = list(dict.fromkeys(name for names in uses.values() for name in names))
     combinations = format_list([format_value(name) for name, names in uses.items() if names])
-    return [messages.CASES_WITHOUT_GUSTS(cases=format_list(used), combinations=combinations)] if used else []
+    where = f" in [[combination]] {combinations}"
+    if not (job.combinations or job.dynamics):
+        used, where = cases, ""
+    return [messages.CASES_WITHOUT_GUSTS(cases=format_list(used), where=where)] if used else []
 
 
 def _read_case_wind(zones: Zones, job: Job, case: Case) -> tuple[dict[str, Any], list[str]]:

@@ -181,8 +181,8 @@ CASE_DIRECTION_IGNORED = Message(
 )
 CASES_WITHOUT_GUSTS = Message(
     "W353",
-    "[[case]] {cases}: set: no wind.pressure_factor, so the pressure in [[combination]] {combinations} is "
-    "that of the mean speed. Give the ratio of peak to mean velocity pressure, or 1 for the speed of a gust.",
+    "[[case]] {cases}: set: no wind.pressure_factor, so the pressure{where} is that of the mean speed. Give "
+    "the ratio of peak to mean velocity pressure, or 1 for the speed of a gust.",
     "Codes design for the peak velocity pressure, 1 + 7 I times that of the mean speed (EN 1991-1-4, 4.5): "
     "about twice. A static wind has no gusts.",
 )
