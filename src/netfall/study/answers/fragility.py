@@ -12,6 +12,7 @@ from collections.abc import Collection
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from netfall.core.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from netfall.results.removals import REMOVAL_FAILED
@@ -156,13 +157,14 @@ def _curve_rows(
     failed, judged = (np.array([v[part][rows_of_curve] for v in measures.values()], bool) for part in (0, 1))
     run_counts, counts = (which.astype(int) @ is_at_speed.astype(int) for which in (judged, failed))
     has_enough = curve.samples >= MIN_SAMPLES
-    resamples = _bootstrap_counts(curve, is_at_speed, failed, judged) if has_enough else None
     exposure = np.unique(samples["duration"][rows_of_curve])
     missing = (samples[SPEED][left_out][:, None] == speed).sum(0)
     rows = []
     for k, name in enumerate(measures):
         runs, fit = run_counts[k], probit.fit(speed, run_counts[k], counts[k])
-        resampled = None if resamples is None else probit.fit(speed, resamples[0][k], resamples[1][k])
+        resampled = None
+        if has_enough:
+            resampled = probit.fit(speed, *_bootstrap_counts(curve, is_at_speed, failed[k], judged[k]))
         extremes = probit.fit(speed, runs + missing, np.array([counts[k] + missing, counts[k]]))
         of_year = hazard and hazard_row(hazard, speed, counts[k], fit, resampled, extremes)
         rows.append(
@@ -177,17 +179,16 @@ def _curve_rows(
 
 def _bootstrap_counts(
     curve: FragilityCurve, at: np.ndarray, failed: np.ndarray, judged: np.ndarray
-) -> tuple[Any, ...]:
-    """Count runs and failures (k, RESAMPLES, s) at each speed in each resample, by each criterion.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Count runs and failures (RESAMPLES, s) at each speed in each resample, by one criterion.
 
-    at : (r, s) the speed of each run; failed, judged : (k, r)
+    at : (r, s) the speed of each run; failed, judged : (r,)
     """
-    ran, group = np.unique(judged, axis=0, return_inverse=True)  # usually all criteria judge the same runs
-    columns = np.concatenate([at & rows[:, None] for rows in (*ran, *failed)], axis=1).astype(float)
-    # Sums of integers are exact in any order.
-    counts = np.concatenate([block @ columns for block in bootstrap_weights(curve)])
-    counts = counts.reshape(RESAMPLES, len(ran) + len(failed), at.shape[1]).transpose(1, 0, 2)
-    return counts[group.ravel()], counts[len(ran) :]
+    # Sparse, because each run may have a speed of its own. Sums of integers are exact in any order.
+    columns = [csr_array(at * which[:, None], dtype=float) for which in (judged, failed)]
+    counts = [[block @ column for column in columns] for block in bootstrap_weights(curve)]
+    runs, failures = (np.concatenate(blocks) for blocks in zip(*counts))
+    return runs, failures
 
 
 def _fit_row(
