@@ -156,7 +156,7 @@ def test_runs_without_equilibrium_count_as_failed():
     speed = {"wind.speed": samples["wind.speed"]}
     everything = columns(speed, samples["broken"] > 0, 0.0 * samples["broken"])
     everything["state"][:] = "failed"
-    assert "no run finished" in fragility_section(everything)["note"][0]
+    assert "no finished run has its outcome" in fragility_section(everything)["note"][0]
 
 
 def test_a_fracture_of_another_element_does_not_fail_the_tension_ratio():

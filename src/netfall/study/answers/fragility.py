@@ -53,16 +53,18 @@ def failures(samples: dict[str, np.ndarray], own: tuple[FailureCriterion, ...] =
 
     A run without an equilibrium has failed by all criteria. A run without the outcome of a criterion, such as
     the utilisation if nothing has a strength, is not judged; if no finished run has it, no run is judged.
-    Exceptions: a run without a fracture time has not broken. A run without a dynamic factor, because more
-    elements broke or because there is no equilibrium after the removal, has failed. Nothing breaks in
-    equilibria: one in which an element exceeds the strain at which it breaks counts as a first fracture, and
-    the lost roof is unknown.
+    Exceptions: a run without a fracture time has not broken, if anything can break. A run without a dynamic
+    factor, because more elements broke or because there is no equilibrium after the removal, has failed.
+    Nothing breaks in equilibria: one in which an element exceeds the strain at which it breaks counts as a
+    first fracture, and the lost roof is unknown.
     """
     moves = np.isfinite(samples["duration"]).any()
-    breaks = np.isfinite(samples["first_fracture"]) if moves else samples["utilisation_before_break"] > 1.0
+    used = samples["utilisation_before_break"]  # nan: nothing can break
+    breaks = np.isfinite(samples["first_fracture"]) if moves else used > 1.0
     no_equilibrium, all_judged = samples["state"] == "no_equilibrium", np.ones(len(samples["state"]), bool)
     lost_share = np.where(no_equilibrium, 1.0, samples["detached_area"])
-    measures = {FIRST_FRACTURE: Judgement(no_equilibrium | breaks, all_judged)}
+    breaks |= no_equilibrium
+    measures = {FIRST_FRACTURE: Judgement(breaks, breaks | np.isfinite(used) if moves else all_judged)}
     for name, share in LOST_ROOF.items() if moves else ():
         measures[name] = Judgement(lost_share > share, np.isfinite(lost_share))
     for criterion in own:
@@ -71,7 +73,7 @@ def failures(samples: dict[str, np.ndarray], own: tuple[FailureCriterion, ...] =
             failed_after = np.isin(samples["equilibrium_after_removal"], REMOVAL_FAILED)
             failed = failed | (samples["broken"] > 0) | failed_after
         failed = failed | (value > criterion.limit)
-        judged = all_judged if criterion.outcome == "first_fracture" else failed | np.isfinite(value)
+        judged = failed | np.isfinite(used if criterion.outcome == "first_fracture" else value)
         measures[criterion.name] = Judgement(failed, judged)
     finished = samples["state"] == "finished"
     for name, measure in measures.items():
@@ -227,7 +229,7 @@ def _reason(fit: FragilityFits, speed: np.ndarray, runs: np.ndarray) -> str:
     """Return the reason why there is no curve, and bounds of the median."""
     low, high = np.ravel(probit.median_bounds(fit))
     if not runs.any():
-        return "no run finished"
+        return "no finished run has its outcome"
     between = f"at {low:g} m/s, where half failed" if low == high else f"between {low:g} and {high:g} m/s"
     if np.isinf(high):
         between = f"above {low:g} m/s"

@@ -139,7 +139,9 @@ def _broken(study: Study, say: Callable[..., Any]) -> None:
         return
     broke = ran & (m["broken"] > 0)
     if not broke.any():
-        say(f"fracture: none in the {ran.sum()} samples that finished")
+        is_elastic = ran.any() and np.isnan(m["utilisation_before_break"][ran]).all()
+        why = ", as nothing can break" if is_elastic else ""
+        say(f"fracture: none in the {ran.sum()} samples that finished{why}")
         return
     first, lost = m["first_fracture"][broke], m["detached_area"][broke]
     much = f" and {np.median(lost):.1%} of the roof detaches (median; at most {lost.max():.1%})"
