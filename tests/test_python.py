@@ -51,14 +51,6 @@ def cross(**sections) -> dict:
     }
 
 
-def run_on_two_ranks(folder, text: str, *words, code=None, timeout=300):
-    """Run a script on two ranks of mpirun; return the finished process."""
-    head = "import os, sys; sys.path[:0] = sys.argv[1:2]\nimport netfall; from test_python import cross\n"
-    (folder / "script.py").write_text(head + text)
-    line = (*on_ranks(2), sys.executable, "script.py", ROOT / "tests", *words)
-    return run_process(*line, cwd=folder, code=code, timeout=timeout)
-
-
 @pytest.fixture
 def standing():
     with standing_runs_of_python():
@@ -156,83 +148,11 @@ def test_errors_of_the_command_are_raised(here, ranks):
         netfall.run(cross() | {"net": cross()["net"] | {"fixed": [1, 1, 0]}}, ranks=ranks)
 
 
-def test_under_mpirun_every_rank_gets_the_result(here):
-    text = (
-        "out = open('rank' + os.environ['OMPI_COMM_WORLD_RANK'], 'w')\n"
-        "result = netfall.run(cross())\n"
-        "print(result.file['provenance'].attrs['ranks'], result.tension(element=13)[0].round(), file=out)\n"
-        "try: netfall.run(cross(), ranks=3)\n"
-        "except netfall.InputError as error: print(error, file=out)\n"
-        "try: netfall.run(cross(cable={}))\n"
-        "except netfall.InputError as error: print(error.lines[0], file=out)\n"
-    )
-    done = run_on_two_ranks(here, text)
-    for rank in (0, 1):
-        ran, refused, wrong = (here / f"rank{rank}").read_text().splitlines()
-        assert ran == "2 100000.0" and refused.endswith("Remove ranks. [E062]"), done.stderr
-        assert wrong.startswith("job: [cable] modulus: missing")
-    assert {path.name for path in here.iterdir()} == {"script.py", "rank0", "rank1"}
-
-
-@pytest.mark.parametrize(
-    "signal, moment, error",
-    [
-        ("SIGINT", "start", "KeyboardInterrupt note: interrupted in "),
-        ("SIGUSR1", "start", "Interrupted note: interrupted in "),
-        ("SIGINT", "end", "KeyboardInterrupt note: interrupted as the run ended."),
-    ],
-)
-def test_a_signal_to_one_rank_of_mpirun_stops_all(here, signal, moment, error):
-    """The other ranks would wait for it forever. The handlers of the script are restored. A signal that no
-    part of a run sees is not lost.
-    """
-    text = (
-        "import signal, netfall.core.timings as timings\n"
-        "class Flag(timings.StopFlag):\n"
-        "    def __init__(self):\n"
-        "        super().__init__()\n"
-        "        self.strike('start')\n"
-        "    def release(self):\n"
-        "        self.strike('end')\n"
-        "        super().release()\n"
-        "    def strike(self, moment):\n"
-        "        if os.environ['OMPI_COMM_WORLD_RANK'] == '1' and moment == sys.argv[3]:\n"
-        "            os.kill(os.getpid(), getattr(signal, sys.argv[2]))\n"
-        "timings.StopFlag = Flag\n"
-        "handler = signal.getsignal(signal.SIGINT)\n"
-        "try: netfall.run(cross(dynamics={'duration': 0.1}), output='r.vtkhdf')\n"
-        "except BaseException as error:\n"
-        "    assert signal.getsignal(signal.SIGINT) is handler\n"
-        "    with open('rank' + os.environ['OMPI_COMM_WORLD_RANK'], 'w') as file:\n"
-        "        print(type(error).__name__, error, file=file)\n"
-    )
-    run_on_two_ranks(here, text, signal, moment)
-    for rank in (0, 1):
-        assert (here / f"rank{rank}").read_text().startswith(error)
-
-
-@pytest.mark.parametrize(
-    "error, message",
-    [
-        ("MemoryError('an array')", "MemoryError: an array\n"),
-        ("OutputError('disk full', 'a.checkpoint.h5')", "OutputError: disk full\n"),
-    ],
-)
-def test_an_error_on_one_rank_of_mpirun_ends_all(here, error, message):
-    """The other ranks would wait forever, also if the script handles the error. A checkpoint in the temporary
-    folder is not named.
-    """
-    text = (
-        "import netfall.driver.run as run\n"
-        "from netfall.core.errors import OutputError\n"
-        "def run_stages(problem, context):\n"
-        f"    if problem.comm.rank == 1: raise {error}\n"
-        "    problem.comm.Barrier()\n"
-        "run.run_stages = run_stages\n"
-        "try: netfall.run(cross())\n"
-        "except (MemoryError, OutputError): pass\n"
-    )
-    assert message in run_on_two_ranks(here, text, code=1, timeout=60).stderr
+def test_a_script_under_mpirun_is_refused(here):
+    """Each rank would start the whole run."""
+    script = "import netfall\ntry: netfall.run('a.toml')\nexcept netfall.InputError as error: print(error)"
+    done = run_process(*on_ranks(2), sys.executable, "-c", script, cwd=here)
+    assert done.stdout.count("netfall.run: starts the ranks of a run itself") == 2
 
 
 SPEEDS = "t = 2 s: speeds without bound"

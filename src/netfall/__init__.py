@@ -45,12 +45,11 @@ def run(
         ids, "fixed": (n,), "groups": (m,)}. Paths in a dict and its overrides are relative to the working
         directory.
     overrides : values by key, {"wind.speed": 36.0} [m/s], as in --set of the command, but in SI units
-    ranks : MPI ranks to start for the run. None: one, or the ranks of mpirun if the script runs on several.
-        The call is then collective, every rank gets the result, and an error on one rank ends all.
+    ranks : MPI ranks to start for the run. None: one
     output : path of the result file; None: a temporary one, which is removed with the result
     quiet : False: print the output of the command; True: only its warnings, as Python warnings
 
-    The run computes in a separate process and leaves this one unchanged, except on the ranks of mpirun.
+    The run computes in a separate process and leaves this one unchanged.
     KeyboardInterrupt stops the run. If `output` is given, the run leaves a checkpoint, from which `netfall
     run --restart` continues.
 

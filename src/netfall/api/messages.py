@@ -3,8 +3,10 @@
 from netfall.core.messages import Message
 
 WRONG_RANKS = Message("E061", "ranks = {ranks!r}: expected a whole number >= 1")
-RANKS_UNDER_MPIRUN = Message(
-    "E062", "ranks = {ranks}: mpirun runs this script, and the job, on {size} ranks already. Remove ranks."
+UNDER_MPIRUN = Message(
+    "E062",
+    "netfall.run: starts the ranks of a run itself. Start the script without mpirun, as one process, and "
+    "give ranks = P.",
 )
 NODES_WITHOUT_ELEMENTS = Message(
     "E063", "net: nodes without elements. Give both, as arrays or as names of tables."
@@ -22,6 +24,3 @@ WRONG_COLUMN = Message(
 WRONG_CELL = Message("E067", "Net: {name} {column!r}: {value!r} in row {row}: expected {expected}")
 RAGGED_ARRAY = Message("E068", "Net: {name}: expected an array, whose rows have the same length")
 NO_CHECKPOINT = Message("N069", "interrupted. Give output to keep a checkpoint")
-STOPPED_LATE = Message(
-    "N070", "interrupted as the run ended. Its result is complete, and kept if output is given"
-)

@@ -1,4 +1,4 @@
-"""Runs of a job from Python: in separate processes, or on the ranks of mpirun that execute a script.
+"""Runs of a job from Python, in separate processes.
 
 A run configures its process (compiler, memory, signals, MPI), so it does not use the user's process.
 """
@@ -10,10 +10,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-import threading
-import traceback
 import warnings
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, Self
 
@@ -25,8 +22,6 @@ from netfall.core.errors import (
     InputError,
     Interrupted,
     OutputError,
-    RunError,
-    is_on_every_rank,
 )
 from netfall.core.launch import (
     RANKS,
@@ -58,13 +53,12 @@ def run(
     if ranks is not None and (isinstance(ranks, bool) or not isinstance(ranks, int) or ranks < 1):
         raise InputError(messages.WRONG_RANKS(ranks=ranks))
     if under_mpirun():
-        result, speaks = _run_on_current_ranks(job, settings, ranks, output, quiet)
-    else:
-        with _RunFiles(job, output) as place:
-            _run_in_processes(place, settings, ranks or 1, quiet)
-            result, speaks = place.result(), True
+        raise InputError(messages.UNDER_MPIRUN())
+    with _RunFiles(job, output) as place:
+        _run_in_processes(place, settings, ranks or 1, quiet)
+        result = place.result()
     try:
-        for line in result.warnings if quiet and speaks else ():
+        for line in result.warnings if quiet else ():
             warnings.warn(line.removeprefix("warning: "), stacklevel=3)
     except Warning:  # the user's filters turn warnings into errors
         result.close()
@@ -247,57 +241,3 @@ def _error(code: int, lines: list[str], command: list[str]) -> Exception:
         return OutputError("\n".join(own_lines))
     ended = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
     return RuntimeError("\n".join([f"{shlex.join(command)} {ended}", *lines]))
-
-
-def _run_on_current_ranks(
-    job: str | Path | dict[str, Any],
-    settings: list[str],
-    ranks: int | None,
-    output: str | Path | None,
-    quiet: bool,
-) -> tuple[Result, bool]:
-    """Run a job on the ranks of mpirun; return the result, and whether this is rank 0. Collective."""
-    from netfall.parallel.alone import world_communicator
-
-    comm = world_communicator()
-    from netfall.core.progress import Progress
-    from netfall.core.timings import NEVER_STOP, StopFlag
-    from netfall.driver.run import run_job
-    from netfall.job.read import read_job
-    from netfall.parallel.agree import on_all, on_root
-
-    if ranks not in (None, comm.size):
-        raise InputError(messages.RANKS_UNDER_MPIRUN(ranks=ranks, size=comm.size))
-    place = on_root(comm, lambda: _RunFiles(job, output))
-    is_main = threading.current_thread() is threading.main_thread()  # other threads cannot handle signals
-    stop = StopFlag() if is_main else NEVER_STOP
-    path, prefix = comm.bcast(place and (place.output, place.prefix))
-    with place or nullcontext():
-        note = ""
-        try:
-            job_read = comm.bcast(on_root(comm, lambda: read_job(place.job, settings)))
-            run_job(comm, job_read, path, Progress(comm.rank == 0 and not quiet), stop=stop)
-        except InputError as error:
-            raise InputError(_as_given(prefix, error.lines)) from None
-        except Interrupted as error:
-            note = messages.NO_CHECKPOINT() if output is None else str(error)
-        except BaseException as error:
-            if isinstance(error, RunError) and output is None:
-                error.checkpoint = None
-            is_common = isinstance(error, DivergedError) or is_on_every_rank(error)
-            if comm.size > 1 and not is_common:  # the other ranks wait for this one
-                traceback.print_exception(error)
-                sys.stderr.flush()
-                comm.Abort(1)
-            raise
-        finally:
-            stop.release()
-        signals = comm.allgather(stop.signal)
-        if note or any(signals):
-            note = note or messages.STOPPED_LATE()
-            raise KeyboardInterrupt(note) if "SIGINT" in signals else Interrupted(note)
-    comm.Barrier()  # rank 0 has renamed the result file
-    result = on_root(comm, lambda: place.result())
-    # Every rank opens the file before rank 0 can close a temporary one, which removes it.
-    opened: Result = on_all(comm, lambda: Result(path) if result is None else result)
-    return opened, comm.rank == 0

@@ -18,18 +18,12 @@ class StopFlag:
     def __init__(self, walltime: float | None = None, signals: Iterable[signal.Signals] = SIGNALS):
         self.deadline = None if walltime is None else time.monotonic() + walltime
         self.signal: str | None = None
-        self.earlier: dict[signal.Signals, Any] = {}  # handlers that this flag replaces
         self.catch(*signals)
 
     def catch(self, *signals: signal.Signals) -> None:
         """Set the flag at these signals from now on."""
         for number in signals:
-            self.earlier[number] = signal.signal(number, self._note)
-
-    def release(self) -> None:
-        """Restore the earlier handlers of the signals."""
-        for number, handler in self.earlier.items():
-            signal.signal(number, handler or signal.SIG_DFL)  # None: not installed by Python
+            signal.signal(number, self._note)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         self.signal = signal.Signals(number).name
