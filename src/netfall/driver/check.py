@@ -228,7 +228,7 @@ def run_time_parts(problem: Problem) -> tuple[dict[str, float], str]:
         parts["equilibria"], unknown = equilibria_time(problem)
         remark += unknown
     if schedule:
-        steps = problem.schedule.steps // problem.schedule.stride
+        steps = schedule.steps // schedule.stride
         parts["steps"] = steps * (problem.distribution.m * STEP_NS * 1e-9 + STEP_US * 1e-6)
         parts["output"] = ROW_S * len(schedule.history) + FRAME_S * len(schedule.frames)
         if len(schedule.checkpoints):
