@@ -30,7 +30,7 @@ FOREIGN = {"srun", "json_load", "special"}
 ABBREVIATIONS = {
     *("AR", "ARPACK", "AS", "AVX", "AVX2", "BLAS", "BSR", "EI", "EI1", "EI2", "GPU", "HTML", "IEC", "II"),
     "ISO",
-    *("KB", "LAPACK", "LLVM", "MN", "MP4", "MVAPICH", "PEER", "PGA", "PPND16", "VTK", "XML"),
+    *("KB", "LAPACK", "LLVM", "MN", "MP4", "MVAPICH", "PEER", "PPND16", "VTK", "XML"),
     *("FIELD", "GENERATOR", "STAGE", "STEP"),
     *("FALLOC_FL_KEEP_SIZE", "MPI_STATUSES_IGNORE", "PR_SET_PDEATHSIG", "VTK_LINE"),
 }
