@@ -361,10 +361,10 @@ def cable_columns(
 
 def slack_cables(f: h5py.File, envelope: states.Envelope) -> np.ndarray:
     """Select the intact cables (stages, cables) that have a slack element in each stage."""
-    slack, gone = (
+    slack, failed = (
         _reduce_by_cable(np.logical_or, rows, f["net/cable"][:]) for rows in (envelope.slack, envelope.gone)
     )
-    return slack & ~gone
+    return slack & ~failed
 
 
 def cutting_columns(f: h5py.File, cutting: Cutting) -> dict[str, np.ndarray]:
