@@ -19,7 +19,6 @@ import numba.cuda.dispatcher
 from numba import cuda, types
 
 from netfall.gpu import kernels, stepper
-from netfall.gpu.layout import layout
 
 CAPABILITY = (9, 0)  # of an H100
 REALS, WHOLES = types.Array(types.float64, 2, "C"), types.Array(types.int64, 2, "C")
@@ -27,11 +26,7 @@ REALS, WHOLES = types.Array(types.float64, 2, "C"), types.Array(types.int64, 2, 
 
 def signature():
     """Return the types of the arguments of `kernels.advance`."""
-    groups = [
-        types.UniTuple(types.Array(kind.dtype, kind.ndim + 1, "C"), len(group))
-        for kind, group in layout().groups.items()
-    ]
-    return WHOLES, REALS, REALS, WHOLES, types.Tuple(groups)
+    return WHOLES, REALS, types.Array(types.uint64, 1, "C")
 
 
 def registers(ptx: Path) -> tuple[int, int]:

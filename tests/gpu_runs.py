@@ -20,7 +20,7 @@ from netfall.core.progress import Progress
 from netfall.driver.run import run_job
 from netfall.driver.sample import run_sample
 from netfall.gpu.plan import plan_maker
-from netfall.gpu.stepper import Gpu, NetArrays
+from netfall.gpu.stepper import Gpu, GpuNet
 from netfall.gpu.together import run_together
 from netfall.job.cache import ResultCache
 from netfall.job.read import read_job
@@ -50,7 +50,7 @@ def run_as_sample(folder: Path, device: str, advance=None, gpu=None) -> dict:
 
 def run_all_together(folders: list[Path]) -> list[dict]:
     """Return outcomes of runs on a GPU that steps several nets at once; new ones start as others end."""
-    gpu, results, waiting = Gpu(NETS_AT_ONCE), {}, list(folders)
+    gpu, results, waiting = Gpu(in_blocks=True), {}, list(folders)
 
     def take(_):
         new = [waiting.pop(0) for _ in range(min(len(waiting), NETS_AT_ONCE // 2))]
@@ -62,16 +62,16 @@ def run_all_together(folders: list[Path]) -> list[dict]:
 
 
 def leave_memory_for_one_net() -> None:
-    """Let a net take a place only if no other net has one."""
-    take_place, nets = NetArrays.take_place, []
+    """Let a net have memory only if no other net has some."""
+    allocate, nets = GpuNet.allocate, []
 
-    def take(arrays: NetArrays, _: float) -> int | None:
-        nets.append(arrays)
-        if all(each.is_empty for each in nets):
-            return take_place(arrays, 1.5 * arrays.net_bytes)
-        return None
+    def allocate_alone(net: GpuNet, work: object) -> bool:
+        nets.append(net)
+        if any(other.memory.size for other in nets if other is not net):
+            return False
+        return allocate(net, work)
 
-    NetArrays.take_place = take
+    GpuNet.allocate = allocate_alone
 
 
 def same(a: object, b: object) -> bool:

@@ -173,20 +173,17 @@ def test_unsupported_features_are_refused_or_run_on_the_cpu(tmp_path, more, rank
 WITHOUT_MEMORY = "from netfall.gpu import stepper\nstepper.free_memory = lambda: 1e3\n"  # bytes
 
 
-def test_a_net_that_does_not_fit_the_device_is_refused_or_runs_on_the_cpu(tmp_path):
-    """`--device gpu` prints needed and free memory, `--device auto` notes that the net does not fit."""
+@pytest.mark.parametrize("device", ["gpu", "auto"])
+def test_a_net_that_does_not_fit_the_device_is_refused(tmp_path, device):
+    """One line prints the needed and the free memory."""
     (tmp_path / "job.toml").write_text(JOB)
     program = WITHOUT_MEMORY + "from netfall.__main__ import main\nmain()"
-    line = [sys.executable, "-c", program, "run", "job.toml", "--device"]
+    line = [sys.executable, "-c", program, "run", "job.toml", "--device", device]
     environment = ENVIRONMENT | {"NUMBA_ENABLE_CUDASIM": "1"}
-    done = run_process(*line, "gpu", cwd=tmp_path, environment=environment, code=2)
+    done = run_process(*line, cwd=tmp_path, environment=environment, code=2)
     fact = r"error: the net needs [\d.e-]+ GB of the GPU, and 1e-06 GB of it are free. Run with --device cpu"
     assert re.search(fact, done.stderr)
     assert not list(tmp_path.glob("*.vtkhdf"))
-    run_netfall("run", "job.toml", "-o", "cpu.vtkhdf", cwd=tmp_path)
-    done = run_process(*line, "auto", cwd=tmp_path, environment=environment)
-    assert "note: --device auto: the CPU is used: the net does not fit" in done.stdout + done.stderr
-    assert not differences(tmp_path / "cpu.vtkhdf", tmp_path / "job.vtkhdf")
 
 
 def test_a_gpu_gives_no_times_of_parts_of_a_step(tmp_path):
@@ -200,24 +197,6 @@ def test_a_gpu_gives_no_times_of_parts_of_a_step(tmp_path):
         )
         with h5py.File(tmp_path / f"{device}.vtkhdf") as file:
             assert ("dynamics: positions" in file["provenance/timings"].attrs) == (device == "cpu")
-
-
-def test_a_study_warns_once_of_nets_that_do_not_fit_the_device(tmp_path):
-    """Several workers and runs then step on the CPU."""
-    (tmp_path / "job.toml").write_text(JOB)
-    (tmp_path / "study.toml").write_text(
-        'job = "job.toml"\n[vary]\n"cable.prestress" = [2e4, 2.1e4, 2.2e4]\n'
-    )
-    (tmp_path / "sitecustomize.py").write_text(WITHOUT_MEMORY)  # Python runs it in the workers too
-    environment = ENVIRONMENT | {
-        "NUMBA_ENABLE_CUDASIM": "1",
-        "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT / 'src'}",
-    }
-    line = (BIN / "netfall", "study", "study.toml", "--workers", "2", "--device", "auto")
-    done = run_process(*line, cwd=tmp_path, environment=environment)
-    assert (done.stdout + done.stderr).count(
-        "the CPU is used: the net does not fit the memory of the GPU"
-    ) == 1
 
 
 def test_a_missing_extra_is_named_in_one_line(tmp_path):

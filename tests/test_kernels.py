@@ -10,6 +10,7 @@ from netfall.core.vectors import LANES
 from netfall.explicit.incidence import collect_elements
 from netfall.explicit.loop import Chunks, LoopState, chunk_forces, general_forces
 from netfall.explicit.plan import CHUNK, StepPlan
+from netfall.gpu.memory import MemoryMap, address_of
 from netfall.parallel.halo import buffers_without_neighbours
 from netfall.parallel.subdomain import split_net
 from netfall.physics.elements import add_axial_forces
@@ -169,6 +170,26 @@ def test_fast_kernels_have_the_bits_of_the_general_one(scene):
         assert share_in_line(state) >= 0.6  # all except those at the ends of rows
         outcomes.append((forces.tobytes(), b"" if state.slot_eps_p is None else state.slot_eps_p.tobytes()))
     assert outcomes[0] == outcomes[1]
+
+
+@of_scenes(PLAIN[:1])
+def test_kernels_work_on_a_copy_in_one_piece_of_memory(scene):
+    """As on a GPU: tables with the addresses of the copy lead them there, and the original stays."""
+    work = StepPlan(make_state(scene, 1600, lattice(), LATTICE, 2), NoHalo())._works[False]
+    places = MemoryMap(work)
+    memory = np.zeros(places.size + 64, np.uint8)
+    memory = memory[-address_of(memory) % 64 :]
+    for arrays in places.groups:
+        for array in arrays:
+            places.view(array, memory)[...] = array
+    places.write_tables(memory, address_of(memory))
+    copied = work.with_values()
+    copied.address = address_of(memory) + places.offsets[work.address]
+    run_chunk(0, copied)
+    assert not work.scratch.f.any()
+    run_chunk(0, work)
+    assert work.scratch.f.any()
+    assert places.view(work.scratch.f, memory).tobytes() == work.scratch.f.tobytes()
 
 
 @of_scenes([row for row in PLAIN if row[0] == "1"])

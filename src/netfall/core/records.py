@@ -100,8 +100,8 @@ class Record:
         words: list[int] = []
         for name, kind in fields.items():
             _add_words(words, by_name[name], kind, name, self.kind)
-        self._table = np.array([word % 2**64 for word in words], np.uint64)
-        self.address: int = self._table.__array_interface__["data"][0]
+        self.words = np.array([word % 2**64 for word in words], np.uint64)
+        self.address: int = self.words.__array_interface__["data"][0]
 
     def __reduce__(self) -> tuple[type[Self], tuple[Any, ...]]:
         """Rebuild the record when unpickled, as the addresses differ in another process."""
@@ -187,7 +187,7 @@ class _Fields(AttributeTemplate):
 
 
 @extending.lower_getattr_generic(RecordType)
-def _read(context: Any, builder: Any, kind: RecordType, address: Any, name: str) -> Any:
+def read_field(context: Any, builder: Any, kind: RecordType, address: Any, name: str) -> Any:
     """Read a field. The table is constant, so a compiler may move the read out of a loop."""
     field, offset = kind.fields[name], kind.places[name]
     table = builder.inttoptr(address, WORD.as_pointer())

@@ -120,11 +120,10 @@ def run_tasks(device: str = "cpu") -> None:
         return answer and answer | {"number": task["number"], "notes": notes}
 
     if device != "cpu":
-        from netfall.gpu import NETS_AT_ONCE
         from netfall.gpu.stepper import Gpu
         from netfall.gpu.together import run_together
 
-        gpu, tasks = Gpu(NETS_AT_ONCE), TaskReader()
+        gpu, tasks = Gpu(in_blocks=True), TaskReader()
 
         def take(waits: bool) -> list[Any] | None:
             new_tasks = tasks.take(waits)

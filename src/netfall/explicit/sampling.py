@@ -136,8 +136,9 @@ def make_row(
         for j in range(sums.shape[1]):
             table.sums[k, i, j] = sums[i, j]
     read_probes(rows, table.probes[k])
-    find_fastest(rows, table.size[k], table.who[k])
-    find_most_strained(rows, table.size[k], table.who[k])
+    speed, fastest = find_fastest(0, 1, rows)
+    strain, strained = find_most_strained(0, 1, rows)
+    write_largest(speed, fastest, strain, strained, rows, table.size[k], table.who[k])
     made[0] += 1
     made[1] += 1
     return 0
@@ -341,37 +342,51 @@ def bit_magnitude(bits: Integer) -> float:
 
 
 @copied_kernel
-def find_fastest(rows: Rows, size: FloatArray, who: IntArray) -> None:
-    """Write the largest speed along an axis of the movable particles, and its particle, to place 0."""
+def find_fastest(first: int, step: int, rows: Rows) -> tuple[Integer, Integer]:
+    """Return the bits of the largest speed along an axis of movable particles, and its particle; -1: none.
+
+    first, step : of the output rows of the particles
+    """
     observed, velocity, free = rows.observed, rows.observation.velocity, rows.observed.particles.free
     halo, best, fastest = observed.first_split - observed.n_owned, np.int64(-1), np.int64(-1)
-    for i in range(observed.rows[0] - halo):
+    for i in range(first, observed.rows[0] - halo, step):
         p = i if i < observed.n_owned else i + halo
         bits = np.int64(0)
         for k in range(3):
             bits = max(bits, bits_of(velocity[k, i]) & SIZE)
         if bits > best and (free[0, p] or free[1, p] or free[2, p]):
             best, fastest = bits, p
-    size[0], who[0] = -1.0, -1
-    if fastest >= 0:
-        size[0], who[0] = bit_magnitude(best), observed.particles.gid[fastest]
+    return best, fastest
 
 
 @copied_kernel
-def find_most_strained(rows: Rows, size: FloatArray, who: IntArray) -> None:
-    """Write the largest strain and its element to place 1; that of elements that never break to place 2."""
+def find_most_strained(first: int, step: int, rows: Rows) -> tuple[Integer, Integer]:
+    """Return the bits of the largest strain, and its element; -1: none. first, step : of the elements"""
     eps, best, element = rows.observation.now.eps, np.int64(-1), np.int64(-1)
-    for e in range(eps.shape[0]):
+    for e in range(first, eps.shape[0], step):
         bits = bits_of(eps[e]) & SIZE
         if bits > best:
             best, element = bits, e
-    size[1], size[2], who[1], who[2] = -1.0, 0.0, -1, -1
-    if element >= 0:
-        size[1], who[1] = bit_magnitude(best), rows.element_gid[element]
+    return best, element
+
+
+@copied_kernel
+def write_largest(
+    speed: int, fastest: int, strain: int, strained: int, rows: Rows, size: FloatArray, who: IntArray
+) -> None:
+    """Write the largest speed and strain, given as bits, with their particle and element to a row.
+
+    Place 2 has the largest strain of elements that never break.
+    """
+    size[0], size[1], size[2], who[0], who[1], who[2] = -1.0, -1.0, 0.0, -1, -1, -1
+    if speed >= 0:
+        size[0], who[0] = bit_magnitude(speed), rows.observed.particles.gid[fastest]
+    if strain >= 0:
+        size[1], who[1] = bit_magnitude(strain), rows.element_gid[strained]
     if size[1] > REPORTED_STRAIN:
         element = most_strained_unbreakable(rows.observed.elements, rows.observation.now)
         if element >= 0:
-            size[2], who[2] = abs(eps[element]), rows.element_gid[element]
+            size[2], who[2] = abs(rows.observation.now.eps[element]), rows.element_gid[element]
 
 
 @copied_kernel

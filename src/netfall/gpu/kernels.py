@@ -9,70 +9,39 @@ This module is not executed directly: `gpu.target` translates it, and replaces `
 `meet` by the barrier.
 """
 
-from typing import Any, NamedTuple
+from collections import namedtuple
+from typing import Any
 
 import numpy as np
 
 from netfall.core.records import is_present
-from netfall.core.vectors import load, store
 from netfall.explicit.forces import Scratch, add_forces, general_density_of
 from netfall.explicit.fracture import break_elements, breaks_at, exceeds_strain_at
 from netfall.explicit.incidence import collect_element
 from netfall.explicit.loop import has_room
 from netfall.explicit.motion import store_totals, total_forces, update_velocities
 from netfall.explicit.sampling import is_due
-from netfall.gpu.rows import make_row
-from netfall.gpu.target import tuple_of
+from netfall.gpu.rows import LARGEST, make_row
 from netfall.physics.air import set_air_damping_at, set_drag_at
 from netfall.physics.events import FractureStep
-from netfall.physics.fracture import Fractures, remove_broken_element, split_particles
+from netfall.physics.fracture import remove_broken_element, split_particles
 
 # defined by the translation
 cuda: Any = None
 meet: Any = None  # barrier of the threads of a net
 IN_BLOCKS = False  # whether a net has the threads of one block; otherwise one net has all threads
-work_at: Any = None  # returns the `Work` of a net
+work_at: Any = None  # returns the `LoopState` at an address
 atomic_add: Any = None  # (array, index, value): adds; returns the former value
-ScratchOfThread: Any = tuple_of(Scratch.kind)
+ScratchOfThread = namedtuple("ScratchOfThread", list(Scratch.kind.fields))  # type: ignore[misc]
 split: Any = split_particles
 remove: Any = remove_broken_element
-FracturesOfThread: Any = tuple_of(Fractures.kind)
-
-
-class Work(NamedTuple):
-    """Numbers, arrays and records of `explicit.loop.LoopState` of one net, as named tuples.
-
-    width : largest number of elements at a particle
-    counts : (3,) numbers of elements that break in this step, the last, and the next
-    best, which : (3,) largest values of a history row, and their positions
-    saved : arrays that a trial changes, before the trial, see `copy_changes`
-    """
-
-    traits: int
-    breaks: int
-    width: int
-    y: Any
-    particles: Any
-    elements: Any
-    slots: Any
-    law: Any
-    chunks: Any
-    spare: Any
-    rules: Any
-    events: Any
-    relative: Any
-    rows: Any
-    counts: Any
-    best: Any
-    which: Any
-    saved: Any
-
 
 # Columns of an order: the task of a net in a launch, and then the work done.
-# PLACE : of the net among nets on the device; REVERTS : to the start of the last trial, before the steps
-# MADE, TABLE_ROWS, EVENTS : counters of `Rows` and `Events`, in and out; FIRST to TRIAL : of an `Interval`
+# FIRST to TRIAL : of an `Interval`; MADE, TABLE_ROWS, EVENT_COUNT : out, counters of `Rows` and `Events`
 # DONE, PENDING : out, what `time_loop` returns first and second
-PLACE, REVERTS, MADE, TABLE_ROWS, EVENTS, FIRST, STEPS, STRIDE, TRIAL, DONE, PENDING = range(11)
+# COUNTS : three numbers of elements that break in this step, the last, and the next
+FIRST, STEPS, STRIDE, TRIAL, MADE, TABLE_ROWS, EVENT_COUNT, DONE, PENDING, COUNTS = range(10)
+COLUMNS = 16  # with those from `rows.LARGEST` on
 
 
 def break_element(e: Any, time: Any, step: Any, dt: Any, elements: Any, law: Any, fractures: Any) -> Any:
@@ -88,7 +57,7 @@ def step_particle(
     """Advance particle p from x to y, and list its elements that reach their fracture strain.
 
     width : largest number of its elements; moment : dt_v [s], share, dt [s], zeta [1/s] of the step
-    count : (1,) number of listed elements; work : `Work`
+    count : (1,) number of listed elements
     """
     dt_v, share, dt, zeta = moment
     particles, slots, law = work.particles, work.slots, work.law
@@ -131,23 +100,20 @@ def collect_slots(thread: Any, threads: Any, work: Any) -> None:
     meet()
 
 
-def advance(orders: Any, lengths: Any, reals: Any, wholes: Any, arrays: Any) -> None:
+def advance(orders: Any, lengths: Any, addresses: Any) -> None:
     """Compute `explicit.loop.time_loop` for an interval of each net, or of the single net.
 
-    orders : (nets, PENDING + 1); lengths : (nets, 5) before_dt to sample_dt of an `Interval`
-    reals, wholes : (nets, k), arrays : (nets, ...), of all nets on the device, arguments of `work_at`
-
-    `work_at` is called in each phase of a step. Otherwise a thread would keep the addresses of all arrays of
-    its net in registers, or in spilled memory, throughout.
+    orders : (nets, COLUMNS); lengths : (nets, 5) before_dt to sample_dt of an `Interval`
+    addresses : (nets,) of a `LoopState` each
     """
     thread, threads, net = cuda.grid(1), cuda.gridsize(1), 0
     if IN_BLOCKS:
         thread, threads, net = cuda.threadIdx.x, cuda.blockDim.x, cuda.blockIdx.x
-    order = orders[net]
+    order, work = orders[net], work_at(addresses[net])
     first, steps, stride, trial = order[FIRST], order[STEPS], order[STRIDE], order[TRIAL] != 0
     before_dt, dt, zeta = lengths[net, 0], lengths[net, 1], lengths[net, 2]
     sample_time, sample_dt = lengths[net, 3], lengths[net, 4]
-    scratch = ScratchOfThread(
+    scratch = ScratchOfThread(  # type: ignore[call-arg]
         cuda.local.array((3, 1), np.float64),
         cuda.local.array((1, 1), np.float64)[:, :0],
         cuda.local.array((1,), np.float64),
@@ -157,34 +123,30 @@ def advance(orders: Any, lengths: Any, reals: Any, wholes: Any, arrays: Any) -> 
     )
     in_second = False  # whether x(n) is in the second array
     last_dt_v, done = -1.0, steps
-    begin(thread, threads, order, work_at(order[PLACE], reals, wholes, arrays))
     for s in range(steps):
         n = first + s
         share, dt_v = (n * dt - sample_time) / sample_dt, 0.5 * (before_dt + dt)
         moment = dt_v, share, dt, zeta
-        work = work_at(order[PLACE], reals, wholes, arrays)
         if is_due(n * stride, work.rows):
             if in_second:
-                copy(thread, threads, False, work.particles.x, work.y)
+                return_positions(thread, threads, work)
                 in_second = False
             collect_slots(thread, threads, work)
             # as in `sampling.make_row`; n * dt may be rounded differently
             of_row = dt_v, (n * stride * work.rows.dt - sample_time) / sample_dt, dt, zeta
             set_air_forces(thread, threads, of_row, True, work)
-            make_row(thread, threads, n * stride, before_dt, of_row, work, scratch)
+            make_row(thread, threads, n * stride, before_dt, of_row, order[LARGEST:], work, scratch)
             meet()
-        work = work_at(order[PLACE], reals, wholes, arrays)
         set_air_forces(thread, threads, moment, dt_v != last_dt_v, work)
-        step_particles(thread, threads, s, in_second, moment, work, scratch)
+        step_particles(thread, threads, s, in_second, moment, order[COUNTS:], work, scratch)
         before_dt, last_dt_v, in_second = dt, dt_v, not in_second
-        breaking = work.counts[s % 3]
+        breaking = order[COUNTS + s % 3]
         if breaking == 0:
             continue
         if trial:
             if thread == 0 and order[PENDING] == 0:
                 order[PENDING] = s + 1
             continue
-        work = work_at(order[PLACE], reals, wholes, arrays)
         fits = has_room(breaking, work.spare)
         meet()
         if not fits:
@@ -192,57 +154,47 @@ def advance(orders: Any, lengths: Any, reals: Any, wholes: Any, arrays: Any) -> 
                 order[PENDING] = breaking
             done = s + 1
             break
-        if thread == 0:
-            break_listed(breaking, FractureStep(n * dt, n * stride, dt), in_second, work)
+        if thread == 0:  # x(n+1) is in the second array if `in_second`
+            x, when = work.y if in_second else work.particles.x, FractureStep(n * dt, n * stride, dt)
+            break_elements(
+                breaking, when, x, work.chunks, work.elements, work.slots, work.law, work.fractures
+            )
         last_dt_v = -1.0  # masses have changed
         meet()
-    end(thread, threads, order, in_second, done, work_at(order[PLACE], reals, wholes, arrays))
-
-
-def begin(thread: Any, threads: Any, order: Any, work: Any) -> None:
-    """Set the counters, and revert or save the arrays that a trial changes."""
-    if thread == 0:
-        work.rows.made[0], work.rows.made[1] = order[MADE], order[TABLE_ROWS]
-        work.events.count[0], work.counts[0] = order[EVENTS], 0
-    if order[REVERTS] != 0:
-        copy_changes(thread, threads, True, work)
-        meet()
-    if order[TRIAL] != 0:
-        copy_changes(thread, threads, False, work)
+    if in_second:
+        return_positions(thread, threads, work)
     meet()
+    end(thread, threads, order, done, work)
 
 
 def step_particles(
-    thread: Any, threads: Any, s: Any, in_second: Any, moment: Any, work: Any, scratch: Any
+    thread: Any, threads: Any, s: Any, in_second: Any, moment: Any, counts: Any, work: Any, scratch: Any
 ) -> None:
     """Advance all particles. s : number of the step in this launch; in_second : whether x(n) is in `work.y`
 
     Three counters alternate: that of the next step is set to 0 when no thread reads it any more.
     """
     x, new_x = (work.y, work.particles.x) if in_second else (work.particles.x, work.y)
-    first_split = work.chunks.n_owned + work.chunks.n_halo
+    chunks = work.chunks
     if thread == 0:
-        work.counts[(s + 1) % 3] = 0
-    count = work.counts[s % 3 :]
-    for p in range(thread, work.chunks.n_owned, threads):
-        step_particle(p, work.width, moment, count, x, new_x, work, scratch)
-    for p in range(first_split + thread, work.spare.rows[0], threads):
+        counts[(s + 1) % 3] = 0
+    count = counts[s % 3 :]
+    for p in range(thread, chunks.n_owned, threads):
+        step_particle(p, chunks.width[p // chunks.size], moment, count, x, new_x, work, scratch)
+    for p in range(chunks.n_owned + chunks.n_halo + thread, work.spare.rows[0], threads):
         step_particle(p, 1, moment, count, x, new_x, work, scratch)
     meet()
 
 
-def break_listed(count: Any, when: Any, in_second: Any, work: Any) -> None:
-    """Break the `count` listed elements, with one thread. in_second : whether x(n+1) is in `work.y`"""
-    fractures: Any = FracturesOfThread(work.rules, work.particles, work.spare.rows, work.events, 0)
-    x = work.y if in_second else work.particles.x
-    break_elements(count, when, x, work.chunks, work.elements, work.slots, work.law, fractures)
+def return_positions(thread: Any, threads: Any, work: Any) -> None:
+    """Copy the positions in the second array to the first."""
+    for k in range(3):
+        for p in range(thread, work.spare.rows[0], threads):
+            work.particles.x[k, p] = work.y[k, p]
 
 
-def end(thread: Any, threads: Any, order: Any, in_second: Any, done: Any, work: Any) -> None:
-    """Copy the positions back to the first array, check the end of a trial, and write the work done."""
-    if in_second:
-        copy(thread, threads, False, work.particles.x, work.y)
-    meet()
+def end(thread: Any, threads: Any, order: Any, done: Any, work: Any) -> None:
+    """Check the end of a trial, and write the work done."""
     if order[TRIAL] != 0 and work.breaks:
         for e in range(thread, work.elements.ends.shape[0], threads):
             exceeds = exceeds_strain_at(e, work.particles.x, work.elements, work.law)
@@ -250,37 +202,4 @@ def end(thread: Any, threads: Any, order: Any, in_second: Any, done: Any, work: 
                 order[PENDING] = order[STEPS] + 1
     if thread == 0:
         order[MADE], order[TABLE_ROWS] = work.rows.made[0], work.rows.made[1]
-        order[EVENTS], order[DONE] = work.events.count[0], done
-
-
-def copy(thread: Any, threads: Any, back: Any, to: Any, source: Any) -> None:
-    """Copy an array (n,) or (k, n), or back, with all threads."""
-    if not is_present(source):
-        return
-    for k in range(source.size // source.shape[-1]):
-        for p in range(thread, source.shape[-1], threads):
-            if back:
-                store(source, k, p, load(to, k, p))
-            else:
-                store(to, k, p, load(source, k, p))
-
-
-def copy_changes(thread: Any, threads: Any, back: Any, work: Any) -> None:
-    """Copy the arrays that a trial changes to `Work.saved`, or back."""
-    particles, elements, slots, rows = work.particles, work.elements, work.slots, work.rows
-    saved = work.saved
-    copy(thread, threads, back, saved[0], particles.x)
-    copy(thread, threads, back, saved[1], particles.v)
-    copy(thread, threads, back, saved[2], particles.work)
-    copy(thread, threads, back, saved[3], particles.other_work)
-    copy(thread, threads, back, saved[4], elements.highest)
-    copy(thread, threads, back, saved[5], elements.lowest)
-    copy(thread, threads, back, saved[6], elements.eps_p)
-    copy(thread, threads, back, saved[7], elements.dissipated)
-    copy(thread, threads, back, saved[8], slots.eps_p)
-    copy(thread, threads, back, saved[9], slots.highest)
-    copy(thread, threads, back, saved[10], slots.lowest)
-    copy(thread, threads, back, saved[11], rows.last)
-    copy(thread, threads, back, saved[12], rows.tension)
-    copy(thread, threads, back, saved[13], rows.displacement)
-    copy(thread, threads, back, saved[14], rows.reaction)
+        order[EVENT_COUNT], order[DONE] = work.spare.events[0], done

@@ -7,20 +7,18 @@ because they are exact (`parallel.sums`). `gpu.target` translates this module, l
 from typing import Any
 
 from netfall.core.records import is_present
-from netfall.core.vectors import bits_of
 from netfall.explicit.energy_check import span_energies, spring_energies
 from netfall.explicit.motion import total_forces
 from netfall.explicit.sampling import (
-    REPORTED_STRAIN,
-    SIZE,
-    bit_magnitude,
+    find_fastest,
+    find_most_strained,
     has_row,
-    most_strained_unbreakable,
     read_probes,
     update_element_envelope,
     update_particle_envelope,
     update_reaction_envelope,
     update_tension_envelope_at,
+    write_largest,
 )
 from netfall.parallel.sums import pieces_of
 from netfall.physics.elements import element_energies_at, element_state_at
@@ -32,15 +30,25 @@ meet: Any = None  # barrier of the threads of a net
 atomic_add: Any = None  # (array, index, value), as the next two
 atomic_max: Any = None
 atomic_min: Any = None
+# first column of an order for the bits of the largest speed and strain, then their particle and element
+LARGEST = 12
 NO_ROW = 1 << 62  # larger than any number of an element or a particle
 
 
 def make_row(
-    thread: Any, threads: Any, number: Any, before_dt: Any, moment: Any, work: Any, scratch: Any
+    thread: Any,
+    threads: Any,
+    number: Any,
+    before_dt: Any,
+    moment: Any,
+    largest: Any,
+    work: Any,
+    scratch: Any,
 ) -> None:
     """Update the envelope at a step, and append a row if one is due.
 
     number : of the step; before_dt : [s] the previous step; moment : as in `kernels.step_particle`
+    largest : (4,) from LARGEST on
     """
     rows = work.rows
     observed, observation, elements = rows.observed, rows.observation, work.elements
@@ -62,7 +70,7 @@ def make_row(
         rows.last[0] = number
     if not due:
         return
-    clear(thread, threads, work)
+    clear(thread, threads, largest, work)
     meet()
     halo = observed.first_split - observed.n_owned
     for i in range(thread, observed.rows[0] - halo, threads):
@@ -70,7 +78,10 @@ def make_row(
     for e in range(thread, m, threads):
         add_element(e, work)
     meet()
-    find_largest(thread, threads, work)
+    best, fastest = find_fastest(thread, threads, rows)
+    agree(0, best, fastest, largest)
+    best, strained = find_most_strained(thread, threads, rows)
+    agree(1, best, strained, largest)
     table, made, sums = rows.table, rows.made, observation.sums
     k = made[1]
     for i in range(sums.shape[0]):
@@ -80,23 +91,22 @@ def make_row(
         table.number[k], table.slack[k] = number, observation.slack[0]
         table.time_step[k] = before_dt if before_dt > 0.0 else moment[2]
         read_probes(rows, table.probes[k])
-        write_largest(table.size[k], table.who[k], work)
+        write_largest(largest[0], largest[2], largest[1], largest[3], rows, table.size[k], table.who[k])
     meet()
     if thread == 0:
         made[0] += 1
         made[1] += 1
 
 
-def clear(thread: Any, threads: Any, work: Any) -> None:
+def clear(thread: Any, threads: Any, largest: Any, work: Any) -> None:
     """Reset the sums and the largest values."""
-    sums, slack, best, which = work.rows.observation.sums, work.rows.observation.slack, work.best, work.which
+    sums, slack = work.rows.observation.sums, work.rows.observation.slack
     for i in range(sums.shape[0]):
         for j in range(thread, sums.shape[1], threads):
             sums[i, j] = 0
     if thread == 0:
         slack[0] = 0
-        for i in range(best.shape[0]):
-            best[i], which[i] = -1, NO_ROW
+        largest[0], largest[1], largest[2], largest[3] = -1, -1, NO_ROW, NO_ROW
 
 
 def add_exact(value: Any, limbs: Any) -> None:
@@ -107,29 +117,20 @@ def add_exact(value: Any, limbs: Any) -> None:
     atomic_add(limbs, k + 2, high)
 
 
-def sum_forces(p: Any, work: Any, f: Any) -> None:
-    """Sum the axial forces on particle p in f (3, 1) [N], in the order of element numbers as on the CPU."""
-    x, slots, now = work.particles.x, work.slots, work.rows.observation.now
-    f[0, 0], f[1, 0], f[2, 0] = 0.0, 0.0, 0.0
-    last = -1
-    for _ in range(slots.element.shape[0]):
-        e, far = NO_ROW, p
-        for s in range(slots.element.shape[0]):
-            number = int(slots.element[s, p])
-            if number != EMPTY and last < number and number < e:
-                e, far = number, int(slots.other[s, p])
-        if e == NO_ROW:
-            return
-        q = now.N[e] / now.L[e] if now.L[e] > 0.0 else 0.0
-        for k in range(3):
-            f[k, 0] += q * (x[k, far] - x[k, p])
-        last = e
-
-
 def sum_internal_forces(p: Any, work: Any, f: Any) -> None:
-    """Compute the axial forces and spring forces on particle p in f (3, 1) [N]."""
-    particles = work.particles
-    sum_forces(p, work, f)
+    """Compute the axial forces and spring forces on particle p in f (3, 1) [N].
+
+    Its slots have the order of element numbers, in which the CPU adds the forces.
+    """
+    particles, slots, now = work.particles, work.slots, work.rows.observation.now
+    x = particles.x
+    f[0, 0], f[1, 0], f[2, 0] = 0.0, 0.0, 0.0
+    for s in range(slots.element.shape[0]):
+        if slots.element[s, p] != EMPTY:
+            e, far = int(slots.element[s, p]), int(slots.other[s, p])
+            q = now.N[e] / now.L[e] if now.L[e] > 0.0 else 0.0
+            for k in range(3):
+                f[k, 0] += q * (x[k, far] - x[k, p])
     if is_present(particles.spring):
         one = slice(p, p + 1)
         springs = particles.spring[:, one].T, particles.spring_rest[:, one].T, particles.turned[:, one].T
@@ -176,48 +177,10 @@ def add_element(e: Any, work: Any) -> None:
         atomic_add(observation.slack, 0, 1)
 
 
-def find_largest(thread: Any, threads: Any, work: Any) -> None:
-    """Find the fastest particle and the most strained element, as bits in `best`; the first of equal ones."""
-    observed, velocity, eps = (
-        work.rows.observed,
-        work.rows.observation.velocity,
-        work.rows.observation.now.eps,
-    )
-    free, halo = work.particles.free, observed.first_split - observed.n_owned
-    best, fastest = -1, NO_ROW
-    for i in range(thread, observed.rows[0] - halo, threads):
-        p, bits = i if i < observed.n_owned else i + halo, 0
-        for k in range(3):
-            bits = max(bits, bits_of(velocity[k, i]) & SIZE)
-        if bits > best and (free[0, p] or free[1, p] or free[2, p]):
-            best, fastest = bits, p
-    agree(0, best, fastest, work)
-    best, strained = -1, NO_ROW
-    for e in range(thread, eps.shape[0], threads):
-        bits = bits_of(eps[e]) & SIZE
-        if bits > best:
-            best, strained = bits, e
-    agree(1, best, strained, work)
-
-
-def agree(place: Any, bits: Any, number: Any, work: Any) -> None:
+def agree(place: Any, bits: Any, number: Any, largest: Any) -> None:
     """Find the largest bits of all threads, and the smallest number with these bits."""
-    atomic_max(work.best, place, bits)
+    atomic_max(largest, place, bits)
     meet()
-    if work.best[place] == bits:
-        atomic_min(work.which, place, number)
+    if largest[place] == bits:
+        atomic_min(largest, 2 + place, number)
     meet()
-
-
-def write_largest(size: Any, who: Any, work: Any) -> None:
-    """Write the largest speed and strain, and the largest strain of elements that never break, to a row."""
-    rows, best, which = work.rows, work.best, work.which
-    size[0], size[1], size[2], who[0], who[1], who[2] = -1.0, -1.0, 0.0, -1, -1, -1
-    if best[0] >= 0:
-        size[0], who[0] = bit_magnitude(best[0]), work.particles.gid[which[0]]
-    if best[1] >= 0:
-        size[1], who[1] = bit_magnitude(best[1]), rows.element_gid[which[1]]
-    if size[1] > REPORTED_STRAIN:
-        e = most_strained_unbreakable(work.elements, rows.observation.now)
-        if e >= 0:
-            size[2], who[2] = abs(rows.observation.now.eps[e]), rows.element_gid[e]

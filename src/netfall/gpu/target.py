@@ -1,8 +1,7 @@
 """Translation of CPU kernels for CUDA, so that both compute the same bits from one source.
 
 On the CPU a kernel handles LANES particles in vectors, and records hold its arrays. On a GPU a thread handles
-one particle, and named tuples hold the arrays. `translate` compiles a kernel, and all functions that it
-calls, with numbers instead of vectors.
+one particle. `translate` compiles a kernel, and all functions that it calls, with numbers instead of vectors.
 
 A CUDA compiler may contract a product and a sum into one operation, which rounds once instead of twice. It
 never contracts a product with explicit rounding. A translated kernel therefore calls `product` for each `*`.
@@ -13,7 +12,6 @@ import inspect
 import os
 import textwrap
 import types
-from collections import namedtuple
 from collections.abc import Callable
 from functools import cache
 from importlib import import_module
@@ -23,7 +21,7 @@ from typing import Any
 from netfall.core.errors import InputError
 from netfall.core.kernels import Routine
 from netfall.core.messages import MISSING_PACKAGE
-from netfall.core.records import RecordType
+from netfall.core.records import WORD, RecordType, read_field
 from netfall.gpu import messages
 
 
@@ -43,9 +41,35 @@ def is_simulated() -> bool:
 
 
 @cache
-def tuple_of(kind: RecordType) -> Any:
-    """Return the named tuple for a type of record on the device."""
-    return namedtuple(kind.name.partition("(")[0], list(kind.fields))
+def record_reader(kind: RecordType) -> Any:
+    """Return the function of kernels that returns the record of a type at an address.
+
+    Kernels read its fields as on the CPU. In the simulator the address is the record itself.
+    """
+    if is_simulated():
+        return lambda record: record
+    extending: Any = import_module("numba.cuda.extending")
+    model: Any = import_module("numba.cuda.datamodel.models").PrimitiveModel
+    template: Any = import_module("numba.cuda.typing.templates").AttributeTemplate
+
+    @extending.register_model(RecordType)
+    class Address(model):  # type: ignore[misc]
+        def __init__(self, manager: Any, kind: RecordType):
+            super().__init__(manager, kind, WORD)
+
+    @extending.infer_getattr
+    class Fields(template):  # type: ignore[misc]
+        key = RecordType
+
+        def generic_resolve(self, kind: RecordType, name: str) -> Any:
+            return kind.fields.get(name)
+
+    extending.lower_getattr_generic(RecordType)(read_field)
+
+    def record_at(typing: Any, address: Any) -> Any:
+        return kind(address), lambda context, builder, signature, values: values[0]
+
+    return extending.intrinsic(record_at)
 
 
 class Products(ast.NodeTransformer):
