@@ -21,12 +21,10 @@ from netfall.driver.run import run_job
 from netfall.driver.sample import run_sample
 from netfall.gpu.plan import plan_maker
 from netfall.gpu.stepper import Gpu, GpuNet
-from netfall.gpu.together import run_together
+from netfall.gpu.together import Together
 from netfall.job.cache import ResultCache
 from netfall.job.read import read_job
 from netfall.parallel.mpi import MPI
-
-NETS_AT_ONCE = 8
 
 
 def run_alone(folder: Path, device: str) -> int:
@@ -49,15 +47,12 @@ def run_as_sample(folder: Path, device: str, advance=None, gpu=None) -> dict:
 
 
 def run_all_together(folders: list[Path]) -> list[dict]:
-    """Return outcomes of runs on a GPU that steps several nets at once; new ones start as others end."""
-    gpu, results, waiting = Gpu(in_blocks=True), {}, list(folders)
-
-    def take(_):
-        new = [waiting.pop(0) for _ in range(min(len(waiting), NETS_AT_ONCE // 2))]
-        tasks = [lambda advance, each=each: (each, run_as_sample(each, "gpu", advance, gpu)) for each in new]
-        return tasks or None
-
-    run_together(gpu, take, lambda result, _: results.update([result]))
+    """Return outcomes of runs on a GPU that steps several nets at once."""
+    gpu, results = Gpu(in_blocks=True), {}
+    together = Together(gpu)
+    for folder in folders:
+        together.start(lambda advance, f=folder: results.update({f: run_as_sample(f, "gpu", advance, gpu)}))
+    together.join()
     return [results[folder] for folder in folders]
 
 

@@ -5,11 +5,9 @@ import os
 import re
 import subprocess
 import sys
-import time
 import tomllib
 from collections import Counter
 from pathlib import Path
-from types import SimpleNamespace
 
 import h5py
 import hypothesis
@@ -19,9 +17,6 @@ from conftest import BIN, ENVIRONMENT, ROOT, run_netfall, run_process
 from drawn_jobs import FLAGS, QUIET, WINDS, jobs
 from nets import bare_saddle
 from results import differences, figures
-
-from netfall.gpu.stepper import GpuNet
-from netfall.gpu.together import run_together
 
 ON_GPU = dict.fromkeys(FLAGS, True) | {"motion": False, "band": False, "rests": False}
 ALL = ON_GPU | {"logarithmic": False, "wind": "gusts"}
@@ -129,23 +124,6 @@ def test_a_study_on_a_gpu_has_the_outcomes_of_the_cpu(tmp_path):
     for number in range(2):
         name = f"{number:06d}.vtkhdf"
         assert not differences(tmp_path / "cpu.samples" / name, tmp_path / "gpu.samples" / name)
-
-
-def test_the_computing_times_of_nets_that_advance_together_add_up():
-    """Three tasks of 0.05 s that share two waits of 0.3 s."""
-    stand_in = SimpleNamespace(advance=lambda nets: time.sleep(0.3 if nets else 0.0))
-    waiting, seconds = [3], []
-
-    def task(advance):
-        time.sleep(0.05)
-        for _ in range(2):
-            advance(GpuNet())
-
-    take = lambda _: [task] * waiting.pop() if waiting else None
-    begin = time.perf_counter()
-    run_together(stand_in, take, lambda _, each: seconds.append(each))
-    total = time.perf_counter() - begin
-    assert len(seconds) == 3 and 0.75 <= sum(seconds) <= total
 
 
 @pytest.mark.parametrize(

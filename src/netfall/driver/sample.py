@@ -151,7 +151,7 @@ def run_sample(
 
     A run that has no equilibrium, diverges or has wrong input is also a result.
     """
-    begin, progress = time.perf_counter(), Progress(False)
+    begin, progress = time.thread_time(), Progress(False)
     try:
         phases = PhaseTimes(profile)
         outcome = _run_outcomes(comm, read(), path, cache, phases, depth, choose_plan, progress)
@@ -163,7 +163,7 @@ def run_sample(
         outcomes = _outcomes_of_failure(error)
         error.__traceback__ = None  # its frames refer to the error, and to all arrays of the run
     say(progress.warnings)
-    return outcomes | {"seconds": time.perf_counter() - begin} if comm.rank == 0 else None
+    return outcomes | {"seconds": time.thread_time() - begin} if comm.rank == 0 else None
 
 
 def _outcomes_of_failure(error: errors.InputError | errors.RunError) -> dict[str, Any]:

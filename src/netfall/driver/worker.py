@@ -15,7 +15,6 @@ import base64
 import gc
 import json
 import os
-import select
 import signal
 import sys
 from collections.abc import Callable
@@ -43,24 +42,6 @@ def next_task(comm: "MPI.Comm") -> dict[str, Any] | None:
 
     line = comm.bcast(on_root(comm, sys.stdin.readline))
     return json.loads(line) if line.endswith("\n") else None
-
-
-class TaskReader:
-    """Tasks from standard input, of which the last line may be incomplete."""
-
-    def __init__(self) -> None:
-        self.unread = b""
-
-    def take(self, waits: bool) -> list[dict[str, Any]] | None:
-        """Return the tasks since the last call; waits : whether to wait for one; None: end of input."""
-        lines: list[bytes] = []
-        while select.select([0], [], [], None if waits and not lines else 0.0)[0]:
-            received = os.read(0, 1 << 20)
-            if not received:
-                return None
-            *complete, self.unread = (self.unread + received).split(b"\n")
-            lines += complete
-        return [json.loads(line) for line in lines]
 
 
 def encode_array(array: "np.ndarray") -> dict[str, Any]:
@@ -121,18 +102,20 @@ def run_tasks(device: str = "cpu") -> None:
 
     if device != "cpu":
         from netfall.gpu.stepper import Gpu
-        from netfall.gpu.together import run_together
+        from netfall.gpu.together import Together
 
-        gpu, tasks = Gpu(in_blocks=True), TaskReader()
+        gpu = Gpu(in_blocks=True)
+        together = Together(gpu)
 
-        def take(waits: bool) -> list[Any] | None:
-            new_tasks = tasks.take(waits)
-            return None if new_tasks is None else [partial(run, task, gpu=gpu) for task in new_tasks]
+        def run_with_others(task: dict[str, Any], advance: "Advance") -> None:
+            try:
+                send(run(task, advance, gpu))
+            except BaseException as error:
+                abort(error)
 
-        def finish(answer: dict[str, Any], seconds: float) -> None:
-            send(answer | {"seconds": seconds} if "seconds" in answer else answer)
-
-        run_together(gpu, take, finish)
+        while (line := sys.stdin.readline()).endswith("\n"):
+            together.start(partial(run_with_others, json.loads(line)))
+        together.join()
         return
     while (task := next_task(comm)) is not None:
         send(run(task))
