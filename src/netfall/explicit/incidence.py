@@ -24,8 +24,7 @@ from netfall.physics.state import State
 def fill_slots(state: State) -> None:
     """Fill the slots of the particles that this rank steps from the present connectivity."""
     s = state
-    element = np.empty_like(s.other) if s.slot_element is None else s.slot_element
-    element = element[:, : s.n_local]
+    element = s.slot_element[:, : s.n_local]
     element[:], s.other[:, : s.n_local] = EMPTY, np.arange(s.n_local)
     present = np.flatnonzero(s.EA != 0.0)  # not held by another rank since it broke, and not removed
     p, far = s.ends[present].ravel(), s.ends[present, ::-1].ravel()

@@ -76,7 +76,6 @@ class GpuPlan(StepPlan):
         self._gpu, self.net = gpu, GpuNet()
         self._advance = advance or (lambda net: gpu.advance([net] if net else []))
         self._on_host = True
-        state.number_slots()
         super().__init__(state, *more, **named)
 
     def collect(self) -> None:

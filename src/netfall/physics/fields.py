@@ -164,7 +164,7 @@ breaks | u1 | | fracture | | ends at which these break, from `fracture.choose_en
 SLOTS_OF_ELEMENTS = """
 other | u4 | | | | local number of the far end; in an empty slot that of the particle itself
 inv_L0 | f8 | 1/m | | | 1 / unstressed length, 0 in an empty slot
-slot_element | u4 | | slots_numbered | | local number of the element
+slot_element | u4 | | | | local number of the element
 slot_EA | f8 | N | sections | repeats | axial stiffness, if it varies
 slot_bar | u1 | | bars | repeats | 1 if compression is carried
 slot_euler | f8 | N | buckling | repeats | compression at buckling
@@ -280,11 +280,6 @@ class Features:
     def third_branch(self) -> bool:
         """Whether the axial damping has three Maxwell branches, not two."""
         return len(self.band) == 6
-
-    @property
-    def slots_numbered(self) -> bool:
-        """Whether slots store the numbers of their elements."""
-        return self.inelastic or self.tracks_maxima or bool(self.sliding or self.band)
 
     @property
     def slip_works(self) -> bool:

@@ -235,13 +235,6 @@ class State:
                     enlarged[self.n_local :] = field.split
         self._records = {}
 
-    def number_slots(self) -> None:
-        """Let slots have the numbers of their elements, also if the CPU needs none."""
-        if self.slot_element is None:
-            (field,) = (field for field in fields.FIELDS if field.name == "slot_element")
-            self._hold(field, self._zeros(field, len(self.x)), len(self.x))
-            self._records = {}
-
     def sort_splits(self) -> None:
         """Sort the rows of split-off particles by their far ends, for locality in memory."""
         first, rows = self.first_split, slice(self.first_split, self.n_local)
