@@ -8,9 +8,7 @@ import pytest
 from netfall.core.arithmetic import logarithm
 from netfall.core.kernels import kernel
 from netfall.core.vectors import LANES, load, store_below
-from netfall.physics.targets import element
-
-inverse_length = element.inverse_length
+from netfall.physics.element_step import inverse_length
 
 
 @kernel

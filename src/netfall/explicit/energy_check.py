@@ -27,11 +27,9 @@ from netfall.physics.elements import (
 from netfall.physics.fields import Elements, Particles
 from netfall.physics.law.branches import add_branches, set_branches
 from netfall.physics.law.law import LawParameters
+from netfall.physics.particle_step import next_v, works_of_motion
 from netfall.physics.slip.motion import SlipPoints, slip_energies
 from netfall.physics.supports import add_spring_forces
-from netfall.physics.targets import particle
-
-next_v, works_of_motion = particle.next_v, particle.works_of_motion
 
 
 class ObservedState(Record):

@@ -34,6 +34,7 @@ from netfall.core.vectors import (
     where,
     zeros,
 )
+from netfall.physics.element_step import branch, inverse_length
 from netfall.physics.fields import Slots
 from netfall.physics.law.element import (
     elastic_force_density,
@@ -41,10 +42,8 @@ from netfall.physics.law.element import (
     yielding_force_density,
 )
 from netfall.physics.law.law import LawParameters
-from netfall.physics.targets import element
 
 NAN = float("nan")
-inverse_length, branch = element.inverse_length, element.branch
 
 
 class Scratch(Record):

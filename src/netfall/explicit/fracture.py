@@ -15,15 +15,18 @@ from netfall.core.kernels import call, inner_kernel, part_of_kernel
 from netfall.core.records import is_present
 from netfall.core.vectors import LANES
 from netfall.explicit.incidence import collect_element, empty_slot, fill_slot, slot_of
+from netfall.physics.element_step import (
+    engineering_strain,
+    grown,
+    inverse_length,
+    logarithmic_strain,
+    shrunk,
+)
 from netfall.physics.events import FractureStep
 from netfall.physics.fields import Elements, Slots
 from netfall.physics.fracture import Fractures, choose_ends, lengthen_fragment, owns
 from netfall.physics.law.element import strain, yield_energy
 from netfall.physics.law.law import LawParameters
-from netfall.physics.targets import element
-
-inverse_length, grown, shrunk = element.inverse_length, element.grown, element.shrunk
-logarithmic_strain, engineering_strain = element.logarithmic_strain, element.engineering_strain
 
 
 @inner_kernel

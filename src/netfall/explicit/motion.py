@@ -23,11 +23,9 @@ from netfall.core.vectors import (
 )
 from netfall.explicit.forces import Scratch
 from netfall.physics.fields import Particles
-from netfall.physics.targets import particle
+from netfall.physics.particle_step import between, next_v, next_x, works_of_motion
 
 HORIZONTAL_LOAD, PARTLY_FIXED = 1, 2  # feature bits of a rank, set by `plan.feature_bits`
-between, next_v, next_x = particle.between, particle.next_v, particle.next_x
-works_of_motion = particle.works_of_motion
 
 
 @part_of_kernel

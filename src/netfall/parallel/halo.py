@@ -33,7 +33,7 @@ from netfall.parallel.mpi_calls import (
 )
 from netfall.parallel.subdomain import Subdomain
 from netfall.physics.fields import Particles
-from netfall.physics.targets import inverse_mass
+from netfall.physics.particle_step import inverse_mass
 
 LINE = 8  # numbers per cache line; no two ranks write to the same line
 POLLS_BEFORE_YIELD = 200  # polls before the processor is yielded

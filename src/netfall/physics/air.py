@@ -28,7 +28,7 @@ from netfall.core.arrays import Integer
 from netfall.core.kernels import inner_kernel, part_of_kernel, routine
 from netfall.core.records import Record, f8, i8, is_present, real, whole
 from netfall.physics.fields import Particles
-from netfall.physics.targets import inverse_mass
+from netfall.physics.particle_step import inverse_mass
 
 
 @inner_kernel

@@ -34,9 +34,9 @@ from netfall.physics.events import Events, FractureStep, add_event
 from netfall.physics.fields import Elements, Particles
 from netfall.physics.law.element import energies_at, strain, unstressed_length_at
 from netfall.physics.law.law import LawParameters
+from netfall.physics.particle_step import inverse_mass
 from netfall.physics.slip.law import passed_length
 from netfall.physics.stability import CARRIED_TOLERANCE, fragment_mass
-from netfall.physics.targets import inverse_mass
 
 STRAIN_MARGIN = 1e-9  # relative to the fracture strain; larger than the rounding error of a strain
 EQUAL_FORCES = 1e-6  # relative; a symmetric net breaks symmetrically in spite of rounding

@@ -21,14 +21,18 @@ from netfall.core.vectors import (
     where,
     zeros,
 )
+from netfall.physics.element_step import (
+    elastic_density,
+    engineering_strain,
+    grown,
+    logarithmic_density,
+    logarithmic_strain,
+    shrunk,
+)
 from netfall.physics.fields import Elements
 from netfall.physics.law.law import LawParameters
-from netfall.physics.targets import element
 
 INFINITE = float("inf")
-elastic_density, logarithmic_density = element.elastic_density, element.logarithmic_density
-logarithmic_strain, engineering_strain = element.logarithmic_strain, element.engineering_strain
-grown, shrunk = element.grown, element.shrunk
 
 
 @inner_kernel
