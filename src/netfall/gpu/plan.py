@@ -22,18 +22,6 @@ from netfall.physics.fields import Features
 from netfall.physics.state import State
 
 
-def unsupported(features: Features, ranks: int) -> list[str]:
-    """Return the features of a problem that a GPU does not support, as text for a message."""
-    features_present = {
-        "more than one rank": ranks > 1,
-        "cables that slide": features.sliding > 0,
-        "chains that bend": features.bending,
-        "moving supports": features.motion,
-        "axial damping": bool(features.band),
-    }
-    return [name for name, is_present in features_present.items() if is_present]
-
-
 def plan_maker(
     device: str,
     features: Features,
@@ -51,7 +39,14 @@ def plan_maker(
     """
     if device == "cpu":
         return StepPlan
-    lacking = ", ".join(unsupported(features, ranks))
+    present = {
+        "more than one rank": ranks > 1,
+        "cables that slide": features.sliding > 0,
+        "chains that bend": features.bending,
+        "moving supports": features.motion,
+        "axial damping": bool(features.band),
+    }
+    lacking = ", ".join(name for name, is_present in present.items() if is_present)
     try:
         if lacking:
             raise InputError(messages.UNSUPPORTED(features=lacking))

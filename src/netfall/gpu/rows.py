@@ -51,8 +51,8 @@ def make_row(
     largest : (4,) from LARGEST on
     """
     rows = work.rows
-    observed, observation, elements = rows.observed, rows.observation, work.elements
-    due, now, m = has_row(number, rows), rows.observation.now, work.elements.ends.shape[0]
+    observed, elements, due = rows.observed, work.elements, has_row(number, rows)
+    now, m = rows.observation.now, work.elements.ends.shape[0]
     time, since = number * rows.dt, number * rows.dt - rows.last[0] * rows.dt
     for e in range(thread, m, threads):
         state = element_state_at(work.particles.x.T, elements, work.law, e)
@@ -70,43 +70,32 @@ def make_row(
         rows.last[0] = number
     if not due:
         return
-    clear(thread, threads, largest, work)
+    table, made, k = rows.table, rows.made, rows.made[1]
+    sums = table.sums[k]
+    for i in range(sums.shape[0]):
+        for j in range(thread, sums.shape[1], threads):
+            sums[i, j] = 0
+    if thread == 0:
+        table.slack[k] = 0
+        largest[0], largest[1], largest[2], largest[3] = -1, -1, NO_ROW, NO_ROW
     meet()
     halo = observed.first_split - observed.n_owned
     for i in range(thread, observed.rows[0] - halo, threads):
-        add_particle(i, i if i < observed.n_owned else i + halo, before_dt, moment, work, scratch)
+        add_particle(i, i if i < observed.n_owned else i + halo, before_dt, moment, sums, work, scratch)
     for e in range(thread, m, threads):
-        add_element(e, work)
+        add_element(e, sums, work)
     meet()
     best, fastest = find_fastest(thread, threads, rows)
     agree(0, best, fastest, largest)
     best, strained = find_most_strained(thread, threads, rows)
     agree(1, best, strained, largest)
-    table, made, sums = rows.table, rows.made, observation.sums
-    k = made[1]
-    for i in range(sums.shape[0]):
-        for j in range(thread, sums.shape[1], threads):
-            table.sums[k, i, j] = sums[i, j]
     if thread == 0:
-        table.number[k], table.slack[k] = number, observation.slack[0]
+        table.number[k] = number
         table.time_step[k] = before_dt if before_dt > 0.0 else moment[2]
         read_probes(rows, table.probes[k])
         write_largest(largest[0], largest[2], largest[1], largest[3], rows, table.size[k], table.who[k])
-    meet()
-    if thread == 0:
         made[0] += 1
         made[1] += 1
-
-
-def clear(thread: Any, threads: Any, largest: Any, work: Any) -> None:
-    """Reset the sums and the largest values."""
-    sums, slack = work.rows.observation.sums, work.rows.observation.slack
-    for i in range(sums.shape[0]):
-        for j in range(thread, sums.shape[1], threads):
-            sums[i, j] = 0
-    if thread == 0:
-        slack[0] = 0
-        largest[0], largest[1], largest[2], largest[3] = -1, -1, NO_ROW, NO_ROW
 
 
 def add_exact(value: Any, limbs: Any) -> None:
@@ -137,7 +126,7 @@ def sum_internal_forces(p: Any, work: Any, f: Any) -> None:
         add_spring_forces(particles.x[:, one].T, particles.x_start[:, one].T, *springs, f.T)
 
 
-def add_particle(i: Any, p: Any, before_dt: Any, moment: Any, work: Any, scratch: Any) -> None:
+def add_particle(i: Any, p: Any, before_dt: Any, moment: Any, sums: Any, work: Any, scratch: Any) -> None:
     """Compute velocity and energies of particle p, the i-th owned one, and add them to the sums."""
     dt_v, share, dt, zeta = moment
     rows, particles = work.rows, work.particles
@@ -150,21 +139,21 @@ def add_particle(i: Any, p: Any, before_dt: Any, moment: Any, work: Any, scratch
     span_energies(p, p + 1, p - i, part, dt_v, zeta, observed, observation, scratch)
     kinds = observation.terms.shape[0]
     for k in range(kinds):
-        add_exact(observation.terms[k, i], observation.sums[k])
+        add_exact(observation.terms[k, i], sums[k])
     attached = is_present(particles.detached) and particles.detached[p] == 0
-    last = observation.sums.shape[0] - 1
+    last = sums.shape[0] - 1
     if attached:
-        add_exact(observation.terms[0, i], observation.sums[last])
+        add_exact(observation.terms[0, i], sums[last])
     if is_present(observation.sprung):
-        add_exact(observation.sprung[i], observation.sums[kinds + 2])
+        add_exact(observation.sprung[i], sums[kinds + 2])
         if is_present(particles.detached):
-            add_exact(observation.sprung[i], observation.sums[last])
+            add_exact(observation.sprung[i], sums[last])
 
 
-def add_element(e: Any, work: Any) -> None:
+def add_element(e: Any, sums: Any, work: Any) -> None:
     """Add the energies of element e to the sums, and count it if it is slack."""
     elements, observation, detached = work.elements, work.rows.observation, work.particles.detached
-    now, sums = observation.now, observation.sums
+    now, rows = observation.now, work.rows
     observation.stored[e], observation.heat[e] = element_energies_at(e, elements, now, work.law)
     if elements.owned[e] == 0:
         return
@@ -174,7 +163,7 @@ def add_element(e: Any, work: Any) -> None:
     if is_present(detached) and not (detached[elements.ends[e, 0]] and detached[elements.ends[e, 1]]):
         add_exact(observation.stored[e], sums[last])
     if elements.bar[e] == 0 and elements.broken[e] == 0 and now.N[e] == 0.0:
-        atomic_add(observation.slack, 0, 1)
+        atomic_add(rows.table.slack, rows.made[1], 1)
 
 
 def agree(place: Any, bits: Any, number: Any, largest: Any) -> None:

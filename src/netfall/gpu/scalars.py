@@ -3,8 +3,6 @@
 import ctypes
 import ctypes.util
 import math
-import operator
-import threading
 from collections.abc import Callable
 from importlib import import_module
 from typing import Any
@@ -74,29 +72,19 @@ def _in_simulator() -> dict[Any, Any]:
     library = ctypes.PyDLL(ctypes.util.find_library("m"))  # no other thread runs during a call
     library.fma.restype, library.fma.argtypes = ctypes.c_double, [ctypes.c_double] * 3
 
-    lock = threading.Lock()
-
     def fma(a: Any, b: Any, c: Any) -> Any:
         return np.float64(library.fma(a, b, c))
 
-    def atomic(operation: Callable[[Any, Any], Any]) -> Callable[..., Any]:
-        def change(array: Any, index: Any, value: Any) -> Any:
-            with lock:
-                before = int(array[index])
-                array[index] = operation(array[index], value)
-            return before
-
-        return change
-
+    atomic = import_module("numba.cuda.simulator.kernelapi").FakeCUDAAtomic()
     return {
         vectors.fma: fma,
         vectors.sqrt: np.sqrt,
         vectors.bits_of: lambda a: np.float64(a).view(np.int64),
         vectors.number_of: lambda a: np.int64(a).view(np.float64),
         "product": lambda a, b: a * b,
-        "atomic_add": atomic(operator.add),
-        "atomic_max": atomic(max),
-        "atomic_min": atomic(min),
+        "atomic_add": atomic.add,
+        "atomic_max": atomic.max,
+        "atomic_min": atomic.min,
     }
 
 
