@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -36,6 +37,7 @@ from nets import LOW_SADDLE, WEAK
 from netfall.core import launch
 from netfall.core.errors import InputError
 from netfall.core.timings import NEVER_STOP
+from netfall.driver.reporting import wind
 from netfall.driver.sample import detached_area, run_sample
 from netfall.geometry.net import Net
 from netfall.job.cache import NO_CACHE, ResultCache
@@ -163,6 +165,19 @@ def test_cached_results_have_the_bits_of_computed_ones(tmp_path):
     with h5py.File(paths[0]) as first, h5py.File(paths[1]) as second:
         assert np.abs(second["cases/snow/reaction"][:]).max() > 1e4
         assert assert_same_results(first, second) > 50
+
+
+def test_samples_with_other_gusts_on_the_same_net_share_its_wind_warnings(tmp_path, monkeypatch):
+    """The load on the whole roof is compared with the coherence model only once."""
+    count, memory, lines = [], ResultCache(4), [[], []]
+    power = wind.load_power
+    monkeypatch.setattr(wind, "load_power", lambda *values: count.append(1) or power(*values))
+    write(tmp_path)
+    for gusts, said in zip((1, 2), lines):
+        changes = [f"wind.seed={gusts}", "dynamics.duration=0.01", "wind.control_points=4"]
+        read = partial(read_job, tmp_path / "roof.toml", changes)
+        run_sample(MPI.COMM_SELF, read, None, memory, say=said.extend)
+    assert len(count) == 1 and lines[0] == lines[1] and any("[W" in line for line in lines[0])
 
 
 def test_a_killed_study_resumes_with_the_same_bits(whole, tmp_path):

@@ -141,11 +141,18 @@ def _gust_lines(gusts: GeneratedGusts) -> list[str]:
     return lines
 
 
-def wind_warnings(job: Job, model: Model) -> Iterator[str]:
-    """Yield the warnings of generated gusts: negative speeds, errors of the spectrum, load level."""
+def wind_warnings(job: Job, model: Model) -> tuple[str, ...]:
+    """Return the warnings of generated gusts, computed once for the wind field of the model."""
     gusts = _generated_gusts(job, model)
     if gusts is None:
-        return
+        return ()
+    if not gusts.field.warnings:
+        gusts.field.warnings.append(tuple(_gust_warnings(gusts)))
+    return gusts.field.warnings[0]
+
+
+def _gust_warnings(gusts: GeneratedGusts) -> Iterator[str]:
+    """Yield the warnings: negative speeds, errors of the spectrum, load level."""
     _, _, wind, duration, field, gust_model, gust = gusts
     losses = gust_model.losses
     share = negative_share(field.control_mean, gust.deviation)

@@ -13,7 +13,7 @@ The errors of interpolated gusts refer to Davenport's coherence: load on all nod
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any, final
 
@@ -48,6 +48,7 @@ class WindField:
     mean : (n,) [m/s]; corner : (n, 4) control points around each particle; weight : (n, 4)
     force : (n, 3) [N s2/m2] on each particle at 1 m/s
     tapped : whether pressures [N/m2] at taps replace speeds and their squares; force is then at 1 N/m2
+    warnings : on the gusts, by `driver.reporting.wind`, once computed; samples of a study share the field
     """
 
     control_point: np.ndarray
@@ -58,6 +59,7 @@ class WindField:
     weight: np.ndarray
     force: np.ndarray
     tapped: bool = False
+    warnings: list[tuple[str, ...]] = field(default_factory=list)
 
     @property
     def varies(self) -> bool:
