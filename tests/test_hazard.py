@@ -177,15 +177,17 @@ def test_equilibria_fail_where_the_strength_is_exceeded():
     assert np.array_equal(section["failed"][0], moving["failed"][0]) and section["failed"][0].sum() > 9
 
 
-def test_a_net_in_which_nothing_can_break_has_no_fragility_of_fractures(tmp_path):
+@pytest.mark.parametrize("duration", [4.0, np.nan], ids=["motion", "equilibria"])
+def test_a_net_in_which_nothing_can_break_has_no_fragility_of_fractures(tmp_path, duration):
     """Without strengths, "0 of 10 broke" would seem safe."""
     samples = drawn_samples(np.random.default_rng(2), 10, SPEEDS, 99.0, 0.1)
     assert curve_sections(samples)["fragility"]["runs"][0].tolist() == [10] * 5
-    samples["utilisation_before_break"][:] = np.nan
+    samples["utilisation_before_break"][:], samples["duration"][:] = np.nan, duration
     write_year(tmp_path / "a.study.h5", samples)
     text = study_lines(tmp_path / "a.study.h5")
-    assert "fracture: none in the 50 samples that finished, as nothing can break" in text
-    assert "note, first fracture: no finished run has its outcome" in text
+    is_told = "fracture: none in the 50 samples that finished, as nothing can break" in text
+    assert is_told == (duration == 4.0)
+    assert (", first fracture: " if is_told else ", all measures: ") + "no finished run has its outcome" in text
 
 
 def test_removals_without_a_dynamic_factor_have_failed():

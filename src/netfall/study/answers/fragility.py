@@ -64,7 +64,7 @@ def failures(samples: dict[str, np.ndarray], own: tuple[FailureCriterion, ...] =
     no_equilibrium, all_judged = samples["state"] == "no_equilibrium", np.ones(len(samples["state"]), bool)
     lost_share = np.where(no_equilibrium, 1.0, samples["detached_area"])
     breaks |= no_equilibrium
-    measures = {FIRST_FRACTURE: Judgement(breaks, breaks | np.isfinite(used) if moves else all_judged)}
+    measures = {FIRST_FRACTURE: Judgement(breaks, breaks | np.isfinite(used))}
     for name, share in LOST_ROOF.items() if moves else ():
         measures[name] = Judgement(lost_share > share, np.isfinite(lost_share))
     for criterion in own:
