@@ -244,6 +244,7 @@ def test_a_study_of_equilibria_names_exceeded_strengths_and_refuses_counts_of_fr
     run_on_standing_ranks("study", study, cwd=tmp_path)
     with h5py.File(tmp_path / "cases.study.h5") as f:
         used = f["samples/utilisation_max"][:]
+        assert np.isnan(f["samples/detached_area"][:]).all()
     assert used[0] > 1.1 and used[1] < 1.0
     text = run_on_standing_ranks("info", tmp_path / "cases.study.h5", cwd=tmp_path).stdout
     assert f"exceeded in 1 of the 2 samples that finished, by a factor of up to {used[0]:.3g}" in text

@@ -223,7 +223,7 @@ def _run_outcomes(
         return None
     if accumulator:
         measured = _net_outcomes(problem.model.net, problem.model.roof.area, extremes, depth)
-        measured |= {"detached_area": 0.0, "utilisation_before_break": utilisation(problem.model, extremes)}
+        measured["utilisation_before_break"] = utilisation(problem.model, extremes)
     else:
         measured = _dynamic_outcomes(problem.model, outcomes[last].result, extremes, depth)
     before = outcomes[statics.NAME].result if statics.NAME in outcomes else statics.StaticPath()
