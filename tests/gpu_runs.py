@@ -15,6 +15,7 @@ os.environ["NUMBA_ENABLE_CUDASIM"] = "1"  # before numba is imported
 import numpy as np
 from results import differences
 
+from netfall.__main__ import abort
 from netfall.core.errors import DivergedError, InputError
 from netfall.core.progress import Progress
 from netfall.driver.run import run_job
@@ -49,7 +50,7 @@ def run_as_sample(folder: Path, device: str, advance=None, gpu=None) -> dict:
 def run_all_together(folders: list[Path]) -> list[dict]:
     """Return outcomes of runs on a GPU that steps several nets at once."""
     gpu, results = Gpu(in_blocks=True), {}
-    together = Together(gpu)
+    together = Together(gpu, abort)
     for folder in folders:
         together.start(lambda advance, f=folder: results.update({f: run_as_sample(f, "gpu", advance, gpu)}))
     together.join()

@@ -126,6 +126,30 @@ def test_a_study_on_a_gpu_has_the_outcomes_of_the_cpu(tmp_path):
         assert not differences(tmp_path / "cpu.samples" / name, tmp_path / "gpu.samples" / name)
 
 
+FAULTY = """
+import os
+from types import SimpleNamespace
+from netfall.gpu.stepper import GpuNet
+from netfall.gpu.together import Together
+
+def waits(advance):
+    together.start(lambda advance: None)
+    advance(GpuNet())
+
+def fail(nets):
+    raise OSError
+
+together = Together(SimpleNamespace(advance=fail), lambda error: os._exit(7))
+together.start(waits)
+together.join()
+"""
+
+
+def test_an_error_at_the_end_of_a_task_ends_the_tasks_that_wait():
+    """The last task that runs ends, and the launch for the other one fails."""
+    assert subprocess.run([sys.executable, "-c", FAULTY], timeout=60).returncode == 7
+
+
 @pytest.mark.parametrize(
     "more, ranks, feature",
     [

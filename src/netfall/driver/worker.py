@@ -105,13 +105,10 @@ def run_tasks(device: str = "cpu") -> None:
         from netfall.gpu.together import Together
 
         gpu = Gpu(in_blocks=True)
-        together = Together(gpu)
+        together = Together(gpu, abort)
 
         def run_with_others(task: dict[str, Any], advance: "Advance") -> None:
-            try:
-                send(run(task, advance, gpu))
-            except BaseException as error:
-                abort(error)
+            send(run(task, advance, gpu))
 
         while (line := sys.stdin.readline()).endswith("\n"):
             together.start(partial(run_with_others, json.loads(line)))

@@ -12,10 +12,11 @@ class Together:
     """Tasks in threads, of which one runs until it waits for its net to be advanced. Then another one runs.
 
     So two tasks never change shared data at once. When all wait, the GPU advances their nets.
+    abort : ends the process after an error, since the other tasks would wait for ever
     """
 
-    def __init__(self, gpu: Gpu):
-        self._gpu, self._turn = gpu, Condition()
+    def __init__(self, gpu: Gpu, abort: Callable[[BaseException], None]):
+        self._gpu, self._abort, self._turn = gpu, abort, Condition()
         self._threads: list[Thread] = []
         self._ended, self._launches = 0, 0
         self._waiting: list[GpuNet | None] = []
@@ -35,11 +36,12 @@ class Together:
         with self._turn:
             try:
                 function(partial(self._advance, nets))
-            finally:
                 for net in nets:
                     net.release()
                 self._ended += 1
                 self._launch_if_all_wait()
+            except BaseException as error:
+                self._abort(error)
 
     def _advance(self, nets: set[GpuNet], net: GpuNet | None) -> None:
         if net is not None:
