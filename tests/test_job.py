@@ -179,7 +179,7 @@ WINDS = (
     ("speed = 20.0\nturbulence_intensity = 0.2\nbase_height = 0.0\n", ()),
     (
         "speed = 20.0\nturbulence_intensity = 0.0\nsurface_drag = 0.0\nbase_height = 0.0\n",
-        ("surface_drag and ",),
+        ("surface_drag and turbulence_intensity excl",),
     ),
     ("file = 'speeds.csv'\n", ("base_height: missing",)),
     ("file = 'speeds.csv'\nprofile_exponent = 0.0\n", ()),

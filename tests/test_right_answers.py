@@ -133,7 +133,7 @@ def notes_of(workshop, job, *settings) -> list[str]:
     """Return the warnings and notes of `netfall check`, those of `netfall run` too, except on modes."""
     arguments = [word for setting in settings for word in ("--set", setting)]
     texts = workshop.check(job, *arguments), workshop.printed(job, *arguments, output="r.h5")
-    check, run = (re.findall(r"^(?:note|warning): (?!modes:).*", text, re.M) for text in texts)
+    check, run = (re.findall(r"^(?:note:|warning:(?! modes:)).*", text, re.M) for text in texts)
     assert set(check) <= set(run)
     return check
 
@@ -267,7 +267,7 @@ AT_POINTS = '[[case]]\nname = "tunnel"\npressure_table = "wind.csv"\n'
         (
             BY_SECTORS,
             "direction,pressure_coefficient\n0,-800\n90,2\n",
-            "wind.csv: pressure_coefficient of up",
+            "wind.csv: pressure_coefficient of up to 800",
         ),
         (AT_POINTS, "x,y,pressure\n0,0,0.8\n", "[[case]] tunnel: pressure_table: pressure of up to 0.8 N/m2"),
     ],

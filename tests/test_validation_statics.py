@@ -442,6 +442,8 @@ def test_load_case_of_the_paper(both_ways, compare):
         x, N = equilibrium(x, elements, law, held, np.where(held, 0.0, load * step / 10))
         path.append((x - form, N))
     way, tension = (np.array(values) for values in zip(*path))
+    assert f["statics/load_factor"][:] == pytest.approx(np.arange(11) / 10)
+    assert (f["statics/residual"][:] <= 1e-9 * T).all()
     ours, middle = f["statics/displacement"][1:], int(np.hypot(*start.T[:2]).argmin())
     source = "Newton's method on the same net, its own form included"
     because = FINE + ", in form and load"
