@@ -18,6 +18,7 @@ from netfall.job.toml_text import toml_value
 FOLDER = Path("results") / "site"
 PAGES = Path(netfall.__file__).parent / "docs" / "pages"
 PART = re.compile(r"(<!-- generated: ([^\n]*?) -->\n).*?(<!-- end -->)", re.S)  # made by tests/pages.py
+READ = re.compile(r"<!-- read by netfall: .*?<!-- end -->", re.S)  # table that the program reads
 SETTINGS = Path(__file__).with_suffix(".toml")
 TABS = ("tutorials", "how-to", "reference", "explanation", "development")
 COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # codes of terminals

@@ -1,4 +1,4 @@
-"""Generated parts of the reference pages: keys, commands, datasets, messages and the Python interface.
+"""Generated parts of the reference pages: keys, commands, datasets and the Python interface.
 
 A part stands in a page between the marks `<!-- generated: NAME -->` and `<!-- end -->`. `PARTS` makes the
 text of each NAME from the program. tests/pages.py writes them.
@@ -10,14 +10,11 @@ import re
 import textwrap
 from collections.abc import Callable, Sequence
 from functools import partial
-from importlib import import_module
-from importlib.resources import files
 from typing import Any
 
 from documentation_site import PAGES, PART
 
 import netfall
-from netfall.core.messages import Message
 from netfall.job.keys.fields import Key, keys_of
 from netfall.job.keys.models import GLOBAL_CABLE_KEYS
 from netfall.job.keys.schema import LIST_KEYS, TABLES, ZONE_KEYS
@@ -170,7 +167,7 @@ def commands() -> str:
     return "\n\n".join(command_text(name, command) for name, command in command_parsers().items())
 
 
-# --- datasets and messages
+# --- datasets
 
 
 def datasets() -> str:
@@ -188,33 +185,6 @@ def datasets() -> str:
         parts.append(f"### /{group.name.replace('*', 'NAME')}\n\n{about}")
         parts.append(table(("dataset", "unit", "meaning"), rows))
     return "\n\n".join(parts)
-
-
-def messages() -> str:
-    """Return the table of all messages by code."""
-    rows = [
-        (
-            f"`{one.code}`",
-            one.severity,
-            cell(one.remedy),
-            f"`{cell(one.text.replace('{{', '{').replace('}}', '}'))}`",
-        )
-        for one in all_messages()
-    ]
-    return table(("code", "severity", "cause and remedy", "message"), rows)
-
-
-def all_messages() -> list[Message]:
-    """Return the messages of all packages, sorted by code."""
-    packages = (folder for folder in files("netfall").iterdir() if (folder / "messages.py").is_file())
-    modules = (import_module(f"netfall.{package.name}.messages") for package in packages)
-    messages = {value for module in modules for value in vars(module).values() if isinstance(value, Message)}
-    return sorted(messages, key=lambda message: message.code[1:] + message.code[0])
-
-
-def cell(text: str) -> str:
-    """Return a text on one line, whose bars do not end a cell of a table."""
-    return " ".join(text.split()).replace("|", "\\|").replace("`", "'")
 
 
 # --- the Python interface
@@ -282,7 +252,6 @@ PARTS: dict[str, Callable[[], str]] = {
     },
     "commands": commands,
     "datasets": datasets,
-    "messages": messages,
     "python": python_interface,
 }
 

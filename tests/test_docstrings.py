@@ -151,9 +151,10 @@ def assigning_packages() -> dict[str, set[Path]]:
 
 @cache
 def words_of_texts() -> set[str]:
-    """Return the words of text constants in all modules."""
+    """Return the words of text constants in all modules, and of messages."""
     constants = (node for module in modules() for node in module.nodes if isinstance(node, ast.Constant))
-    return set(names_in(constants))
+    page = PACKAGE / "docs" / "pages" / "reference" / "messages.md"
+    return set(names_in(constants)) | set(re.findall(r"\w+", page.read_text()))
 
 
 def unknown_parts(name: str, local: set[str]) -> list[str]:

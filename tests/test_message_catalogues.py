@@ -7,11 +7,11 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from reference_pages import all_messages
 from test_imports import MODULES
 
 from netfall.core.errors import DivergedError
-from netfall.core.messages import Message, code_of, is_note, is_warning, kN, warning_count
+from netfall.core.messages import SEVERITIES, Message, code_of, is_note, is_warning, kN, warning_count
+from netfall.docs.topics import pages, tables_of
 
 FIRST_DIGIT = {  # of the codes of a package
     **dict.fromkeys(("core", "parallel", "gpu", "cli", "api", "docs"), "0"),
@@ -74,10 +74,12 @@ def fields(message: Message) -> set[str]:
     }
 
 
-def test_codes_are_unique_and_of_their_package():
+def test_each_code_has_one_message_of_its_package_and_one_row_of_the_page():
     messages = {module: catalogue(module) for module in CATALOGUES}
     codes = [message.code for values in messages.values() for message in values.values()]
-    assert sorted(codes) == sorted(set(codes)) == sorted(message.code for message in all_messages())
+    rows = tables_of(pages()["reference/messages"])[1][1:]
+    assert [code for code, *_ in rows] == [f"`{code}`" for code in sorted(codes, key=lambda code: code[1:])]
+    assert all(severity == SEVERITIES[code[1]] for code, severity, *_ in rows)
     for module, values in messages.items():
         for message in values.values():
             assert re.fullmatch(rf"[EWN]{FIRST_DIGIT[module.split('.')[0]]}\d\d", message.code), message
@@ -118,16 +120,14 @@ EXCEPTIONS = (
 
 
 def test_lines_end_in_their_code():
-    warning, error = (
-        Message("W612", "{share:.1%} lost. Halve the step."),
-        Message("E104", "{key}: unknown key"),
-    )
-    assert warning(share=0.25) == "warning: 25.0% lost. Halve the step. [W612]"
-    assert error(key="spee") == "spee: unknown key [E104]"
-    assert is_warning(warning(share=0.1)) and not is_note(warning(share=0.1))
-    assert code_of(error(key="x")) == "E104" and code_of("[net] nodes [m]") == ""
+    warning, error = Message("W616"), Message("E931")
+    line = warning(what="a target", residual=2500.0)
+    assert line.startswith("warning: a target: the permanent load") and "of 2.5 kN remains" in line
+    assert is_warning(line) and not is_note(line) and code_of(line) == "W616"
+    assert error() == "expected a list of values, or {from = 1, to = 50} [E931]"
+    assert code_of("[net] nodes [m]") == ""
     with pytest.raises(KeyError):
-        error(name="spee")
+        warning(place="a target", residual=2500.0)
 
 
 def test_the_sentence_on_a_checkpoint_precedes_the_code():

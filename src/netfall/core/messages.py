@@ -1,10 +1,14 @@
 """Text for people: messages with a severity and a code, and quantities in kN, mm and kN/m2. Files keep SI.
 
-Each package has its messages in a file `messages.py`. This file also holds those of the package `core`.
+The page `docs/pages/reference/messages.md` holds the texts of all messages. A file `messages.py` in each
+package names its messages; this one names those of the package `core`.
 """
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from string import Formatter
 from typing import Any
 
@@ -52,19 +56,30 @@ class _Formatter(Formatter):
         return UNITS[format_spec](value) if format_spec in UNITS else super().format_field(value, format_spec)
 
 
+@cache
+def _texts() -> dict[str, str]:
+    """Return the texts of all messages by code, the last cells of the rows of their page."""
+    page = Path(__file__).parents[1] / "docs" / "pages" / "reference" / "messages.md"
+    rows = re.findall(r"^\| `(\w+)` \|.*\| `([^`]+)` \|$", page.read_text(encoding="utf-8"), re.M)
+    return {code: text.replace("\\|", "|") for code, text in rows}
+
+
 @dataclass(frozen=True)
 class Message:
     """Message of netfall.
 
     code : letter of the severity and three digits; the first digit is that of the package
-    text : template of the printed line, with names in braces as in `str.format`; {name:kN}, {name:mm} and
-        {name:kN/m2} convert from SI, and {name:node} counts nodes, see `COUNTED`
-    remedy : cause and remedy as `netfall docs CODE` prints them; empty if `text` is sufficient
     """
 
     code: str
-    text: str
-    remedy: str = ""
+
+    @property
+    def text(self) -> str:
+        """Template of the printed line, with names in braces as in `str.format`.
+
+        {name:kN}, {name:mm} and {name:kN/m2} convert from SI, and {name:node} counts nodes, see `COUNTED`.
+        """
+        return _texts()[self.code]
 
     @property
     def severity(self) -> str:
@@ -126,23 +141,9 @@ def say_counted(report: Callable[[Callable[[str], None]], object], say: Callable
     say(warning_count(warnings))
 
 
-NO_LAUNCHER = Message("E001", "mpirun: not found, so no MPI library. {install}")
-WRONG_LAUNCHER = Message(
-    "E002",
-    '--launcher "{launcher}": expected a command with {{ranks}} in it, for example "srun -n {{ranks}}"',
-)
-MISSING_PACKAGE = Message(
-    "E003", "needs {package}, which is not installed; get it with: pip install 'netfall[{extra}]'"
-)
-LAUNCHER_MISMATCH = Message(
-    "E004",
-    "MPI: {variable} = {count}: the launcher started {count} processes, and MPI connects {size} of them. "
-    "Start the ranks with the mpirun of the MPI library that netfall --version names; for a run on one rank "
-    "unset {variable}",
-    "The program mpirun or srun belongs to another MPI library than the one that mpi4py was built for or "
-    "loads. Each process then starts a separate run.",
-)
-OTHER_VERSION = Message(
-    "E005", "{path}: written by netfall {version}, which this version does not read; {remedy}"
-)
-INTERRUPTED = Message("N006", "interrupted {when}. Resume with --restart {path}")
+NO_LAUNCHER = Message("E001")
+WRONG_LAUNCHER = Message("E002")
+MISSING_PACKAGE = Message("E003")
+LAUNCHER_MISMATCH = Message("E004")
+OTHER_VERSION = Message("E005")
+INTERRUPTED = Message("N006")

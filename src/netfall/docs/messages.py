@@ -2,4 +2,4 @@
 
 from netfall.core.messages import Message
 
-UNKNOWN_TOPIC = Message("E051", "netfall docs {topic}: no such topic; {advice}")
+UNKNOWN_TOPIC = Message("E051")
