@@ -53,7 +53,7 @@ class Deduction:
 class CableOrder(NamedTuple):
     """Elements of a cable in order from one end to the other; closed : a ring.
 
-    in_order : False if the elements are not a chain; they then have the order of the table
+    in_order : False if the elements are not a chain; they then have the order of their ids
     """
 
     elements: np.ndarray
