@@ -274,6 +274,15 @@ def test_a_plot_removes_pictures_of_an_earlier_result(workshop):
     assert {*folder.glob("*.png")} == {*drawn, folder / "result_modes.png"}
 
 
+def test_a_plot_keeps_the_picture_of_a_case_named_wind(workshop):
+    """Its file has the name of the picture of a wind, for which the result has no data."""
+    case = "[[case]]\nname = 'wind'\nset = {'load.temperature' = 5.0}\n"
+    workshop.solve(STEEL + MAST + "[form_finding]\n" + case, *mast_and_ring()).close()
+    result = workshop.folder / "result.vtkhdf"
+    path = plot_state(result, workshop.folder, "wind")
+    assert path not in plot_all(result, workshop.folder) and path.name == "result_wind.png" and path.exists()
+
+
 def test_a_load_path_within_the_tolerance_is_not_drawn(tmp_path):
     """Displacements of 74 mm that change by 5e-9 m are noise; 1e-6 m are drawn without an offset."""
     for change, drawn in ((5e-9, False), (1e-6, True)):

@@ -67,13 +67,14 @@ def file_suffix(name: str, place: str, groups: list[str], room: int) -> str:
 def plot_all(result: Path, folder: Path) -> list[Path]:
     """Write every picture for which the result file has data, and return their paths.
 
-    Pictures of an earlier result of this name for which it has none are removed.
+    Pictures of an earlier result of this name for which it has none are removed; those of states remain.
 
     Raises InputError for a wrong file.
     """
     with open_checked(result) as f:
         drawn = draw_pictures(f, folder, f"{result.stem}_", *PICTURES)
-    remove_earlier({folder / f"{result.stem}_{name}.png" for name in PICTURES} - {*drawn})
+        names = PICTURES.keys() - {group.split("/", 1)[-1] for group in equilibrium_groups(f)}
+    remove_earlier({folder / f"{result.stem}_{name}.png" for name in names} - {*drawn})
     return drawn
 
 
