@@ -1,7 +1,7 @@
 """Films of the dynamic stage and of the stages of erection, by matplotlib.animation and ffmpeg.
 
 The axes are fixed around the initial roof, with space for nearly all elements that leave it. The colour scale
-is fixed too. Broken and removed elements are red; those out of the net are dashed, where they were at the start.
+is fixed too. Broken and removed elements are red; those out of the net are dashed, at their initial places.
 """
 
 from collections.abc import Callable

@@ -383,7 +383,7 @@ def _governing_supports(f: h5py.File, table: dict[str, np.ndarray]) -> list[str]
     for support, extremes in governs.items():
         ends = zip(R[node == support].min(0), R[node == support].max(0))
         rows.append([support, ", ".join(extremes), *(f"{md.force(a)} to {md.force(b)}" for a, b in ends)])
-    title = "Supports with the extremes of a component, and all its values, over all states and the motion:"
+    title = "Supports with the extremes of a component, and all its values, over these states and the motion:"
     return ["", title, "", *md.as_table(["node", "governs", "x", "y", "z"], rows)] if rows else []
 
 
