@@ -480,8 +480,7 @@ def test_the_faults_of_a_drawing_are_named_with_their_place(tmp_path, fault):
     path = sketch.save(tmp_path / "faulty.dxf")
     output = report(path, **options)
     assert [word for word in words if word not in output] == [], output
-    lines = []
-    check_job(imported(path, **options)[0], lines.append)
+    check_job(imported(path, **options)[0], (lines := []).append)
     assert "form finding" in "\n".join(lines)
 
 
@@ -498,10 +497,10 @@ def test_a_dense_polyline_that_becomes_one_node_is_a_warning(tmp_path):
 def test_split_makes_a_joint_at_each_crossing(tmp_path):
     """Cables are drawn as whole lines. With --split each crossing is a node, as if drawn in pieces."""
     sketch = Sketch("mm", cells=(6, 5))
-    for i in range(1, 6):
-        sketch.line((2 * i, 0), (2 * i, 10), "y")
-    for j in range(1, 5):
-        sketch.line((0, 2 * j), (12, 2 * j), "x")
+    for k in range(2, 12, 2):
+        sketch.line((k, 0), (k, 10), "y")
+    for k in range(2, 10, 2):
+        sketch.line((0, k), (12, k), "x")
     path = sketch.save(tmp_path / "whole.dxf")
     assert "crossing (20): elements cross without a joint; --split makes joints" in report(path)
     reading = read_net(path, ImportOptions(split=True))
@@ -573,9 +572,8 @@ def test_springs_and_posts_come_from_layers(tmp_path):
     done = run_on_standing_ranks("import", *options, cwd=tmp_path)
     assert 'springs: 2 nodes of layer "elastic" on 1e+06 x 2e+06 x 0 N/m' in done.stdout
     assert 'group "post": vertical, imported as kind = "bar"' in done.stdout
-    held = sum(int(row["fixed"]) for row in rows_of(tmp_path / "roof" / "nodes.csv"))
-    assert f"supports: {held} of 21 nodes are held" in done.stdout
     rows = rows_of(tmp_path / "roof" / "nodes.csv")
+    assert f"supports: {sum(int(row['fixed']) for row in rows)} of 21 nodes are held" in done.stdout
     sprung = [row for row in rows if float(row["spring_y"])]
     assert [(row["spring_x"], row["fixed"]) for row in sprung] == [("1000000.0", "0")] * 2
     places = sorted([float(row[k]) for k in "xyz"] for row in sprung)
@@ -596,9 +594,7 @@ def facade(s):
                 s.line((2 * i, 0, 2 * j), (2 * i + 2, 0, 2 * j), "level")
             if j < 3 and 0 < i < 4:
                 s.line((2 * i, 0, 2 * j), (2 * i, 0, 2 * j + 2), "upright")
-    return [(2 * i, 0, z) for i in range(5) for z in (0, 6)] + [
-        (x, 0, 2 * j) for x in (0, 8) for j in range(4)
-    ]
+    return [(x, 0, z) for x in range(0, 10, 2) for z in range(0, 8, 2) if x in (0, 8) or z in (0, 6)]
 
 
 def hung_deck(s):
@@ -661,32 +657,29 @@ def test_the_first_job_finds_the_form_of_force_densities(tmp_path):
         key: {"x": x, "y": 0.0, "z": 0.0, "is_anchor": x != 2.0} for key, x in zip("012", (0.0, 2.0, 6.0))
     }
     edges = {"0": {"1": {"q": 2e3}}, "1": {"2": {"q": 4e3}}}
-    path = tmp_path / "a.json"
-    path.write_text(json.dumps({"node": nodes, "edge": edges}))
-    imported(path, "a")
+
+    def first(name, edges):
+        """Import a graph of the nodes; return its first job, its net, and the report."""
+        (tmp_path / "a.json").write_text(json.dumps({"node": nodes, "edge": edges}))
+        return imported(tmp_path / "a.json", name)
+
+    first("a", edges)
     with netfall.run(tmp_path / "a" / "a.toml") as result:
         assert result.form_finding["position"][1] == pytest.approx([4.0, 0.0, 0.0], abs=1e-9)
         assert result.form_finding["tension"] == pytest.approx([8e3, 8e3], rel=1e-9)
     nodes["1"]["x"] = 4.0
-    path.write_text(json.dumps({"node": nodes, "edge": edges}))
-    job, net, _ = imported(path, "found")
+    job, net, _ = first("found", edges)
     assert job.form_finding is None and net.prestress == pytest.approx([8e3, 8e3], rel=1e-12)
     struts = {"0": {"1": {"q": -2e3, "group": "strut"}}, "1": {"2": {"q": -4e3, "group": "strut"}}}
-    path.write_text(json.dumps({"node": nodes, "edge": struts}))
-    _, net, lines = imported(path, "pushed")
+    _, net, lines = first("pushed", struts)
     assert net.bar.all() and net.prestress == pytest.approx([-8e3, -8e3], rel=1e-12)
-    assert any(
-        '"strut": the file has negative force densities in it, imported as kind' in line for line in lines
-    )
-    path.write_text(json.dumps({"node": nodes, "edge": {"0": {"1": {"q": 2e3}}, "1": {"2": {"q": -4e3}}}}))
-    import_file(path, tmp_path / "mixed", ImportOptions(), lambda line: None)
-    net = build_net(read_job(tmp_path / "mixed" / "mixed.toml"))
+    assert '"strut": the file has negative force densities in it, imported as kind' in "\n".join(lines)
+    _, net, _ = first("mixed", {"0": {"1": {"q": 2e3}}, "1": {"2": {"q": -4e3}}})
     assert net.bar.tolist() == [False, True] and net.group_names == ["cables", "cables_struts"]
     edges["0"]["2"] = {}
     for q, method in ((2e3, True), (None, False)):
         edges["0"]["1"]["q"] = edges["1"]["2"]["q"] = q
-        path.write_text(json.dumps({"node": nodes, "edge": edges}))
-        job, *_ = imported(path, f"{method}")
+        job, *_ = first(f"{method}", edges)
         assert job.cable.prestress == 50e3
         assert (job.form_finding.method == "force_density") is method
 
