@@ -234,6 +234,18 @@ def test_a_single_bar_of_a_group_that_bends_is_checked_for_buckling(workshop):
     assert "element 3: compression above the Euler load" in report.page
 
 
+@pytest.mark.parametrize("parts", [1, 4])
+def test_a_report_names_moments_between_nodes_that_are_missing(workshop, parts):
+    """A beam of two parts of l = 4 m under its weight q lacks q l^2 / 8 = 1.01 kN m, one of eight little."""
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z\n1,0,0,0,1,1,1\n2,4,0,0,0,1,0\n3,8,0,0,0,1,1\n"
+    text = f"subdivide = {parts}\n[cable]\ndensity = 7850.0\n{TUBE}section_modulus = 328.6e-6\n"
+    text += "design_strength = 35.5e6\n[load]\nsteps = 1\n"
+    workshop.solve(text, nodes, "start,end,group\n1,2,beam\n2,3,beam\n").close()
+    page = workshop.report().page
+    assert ("element 0 of 4 m may carry 0.506 kN/m" in page) == ("W848" in page) == (parts == 1)
+    assert ("up to 1.01 kN m (9% of the resistance)" in page) == (parts == 1)
+
+
 @pytest.mark.parametrize(
     "change, message",
     [

@@ -1,4 +1,4 @@
-"""Checks at nodes: reactions of a roof at its supports, and utilisation of clamps and saddles.
+"""Checks at nodes: reactions at supports, moments that loads at nodes lack, and utilisation of slip points.
 
 Reactions, in each stage:
 `force` is the pull of the elements along held axes, with the shear of bending chains; at an elastic support
@@ -20,13 +20,16 @@ from typing import Any
 import h5py
 import numpy as np
 
-from netfall.core.functions import from_rotated_axes, to_rotated_axes
-from netfall.post.checks.bending import bending_forces
+from netfall.core.functions import from_rotated_axes, lengths, to_rotated_axes
+from netfall.post import messages
+from netfall.post.checks.bending import bending_forces, bending_strengths, is_bending, unit
 from netfall.post.checks.ends import start_weights_of
 from netfall.results.states import (
     DYNAMIC_STAGE,
     StateView,
     all_states,
+    equilibria,
+    form_position,
     read_springs,
     start_position,
     support_angles,
@@ -62,6 +65,13 @@ def sum_end_forces(x: np.ndarray, ends: np.ndarray, N: np.ndarray) -> np.ndarray
     return pull
 
 
+def element_pull(f: h5py.File, state: StateView) -> np.ndarray:
+    """Return the forces (points, 3) [N] of all elements on the points of a state, with those of bending."""
+    ends = f["net/elements"][:] if state.ends is None else state.ends
+    pull = sum_end_forces(state.position(), ends, state.tension())
+    return pull if state.read("bending_moment") is None else pull + bending_forces(f, state)
+
+
 def reaction_columns(f: h5py.File) -> dict[str, np.ndarray]:
     """Return the forces [N] on supports along the axes that they hold, one row for each support and stage."""
     blocks = [_stage_reactions(f, stage) for stage in all_states(f)]
@@ -75,8 +85,7 @@ def _stage_reactions(f: h5py.File, stage: StateView) -> dict[str, np.ndarray]:
     held = held_axes(f, stage.place)
     nodes = np.flatnonzero(held.any(1))
     x, angle, reaction = stage.position(), support_angles(f), stage.read("reaction")
-    pull = sum_end_forces(x, f["net/elements"][:] if stage.ends is None else stage.ends, stage.tension())
-    pull = pull if stage.read("bending_moment") is None else pull + bending_forces(f, stage)
+    pull = element_pull(f, stage)
     angle = None if angle is None else angle[nodes]
     force = np.where(held[nodes], to_rotated_axes(pull[nodes], angle), 0.0)
     if "spring" in f["net"]:
@@ -110,7 +119,41 @@ def _motion_reactions(f: h5py.File, extreme: str) -> dict[str, np.ndarray]:
     }
 
 
+def undivided_bending(f: h5py.File) -> list[str]:
+    """Return a warning for each group whose moments lack those of loads between the ends of its elements.
+
+    Loads act at nodes. A load q along an element of length l causes up to q l^2 / 8 between its ends. q is
+    the smaller of the loads at both ends, each over half of the lengths of the bending bars that meet there.
+    """
+    node, rows, warnings = f["net/elements"][:], np.flatnonzero(is_bending(f)), []
+    names, group = f["net/group_names"].asstr()[:], f["net/group"][:][rows]
+    x, q = form_position(f), np.zeros(len(rows))
+    along = x[node[rows, 1]] - x[node[rows, 0]]
+    span = lengths(along)
+    share = np.bincount(node[rows].ravel(), np.repeat(span / 2.0, 2), len(x))
+    for state in equilibria(f) if len(rows) else ():
+        if (reaction := state.read("reaction")) is not None:
+            load = (reaction - element_pull(f, state))[node[rows]] / share[node[rows]][..., None]  # N/m
+            across = np.cross(load, unit(along)[:, None])
+            q = np.fmax(q, np.sqrt((across**2).sum(2)).min(1))
+    missing = q * span**2 / 8.0
+    part = missing / bending_strengths(f)["moment"][rows]
+    for g in np.unique(group[part > LARGE_MISSING_MOMENT]):
+        k = np.where(group == g, part, 0.0).argmax()
+        text = messages.UNDIVIDED_BENDING(
+            group=names[g],
+            element=f["net/element_id"][rows[k]],
+            length=span[k],
+            load=q[k] / 1e3,
+            moment=missing[k] / 1e3,
+            share=part[k],
+        )
+        warnings.append(text)
+    return warnings
+
+
 SLIP_COLUMNS = "tension_before", "tension_after", "difference", "holds", "utilisation", "slip"
+LARGE_MISSING_MOMENT = 0.05  # share of the resistance W f: netfall warns above it
 FRICTION_SAFETY = 1.65  # gamma_M,fr [-], partial factor on friction; EN 1993-1-11, 6.3
 
 

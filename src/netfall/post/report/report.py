@@ -31,7 +31,7 @@ from netfall.post.checks.bending import (
 from netfall.post.checks.cases import case_columns, displacement_columns, force_columns, group_columns
 from netfall.post.checks.codes import check_groups, read_codes
 from netfall.post.checks.ends import end_weights
-from netfall.post.checks.nodes import reaction_columns, slip_point_columns
+from netfall.post.checks.nodes import reaction_columns, slip_point_columns, undivided_bending
 from netfall.post.checks.shop import Deduction, read_deductions, shop_columns
 from netfall.post.plots.canvas import remove_earlier, save
 from netfall.post.plots.run import draw_pictures
@@ -104,6 +104,7 @@ def write_report(
         warnings += cables.unchecked_compression_warnings(f, envelope, checked)
         warnings += euler_alone_warnings(f, envelope)
         warnings += unchecked_bending(f, envelope, checked[0].unchecked)
+        warnings += undivided_bending(f)
         text = summary(f, result, tables, envelope, checked, cutting, warnings)
         for name, columns in tables.items():  # tables of the user, such as a catalogue, are not overwritten
             path, header = folder / name, ",".join(list(columns)[:3])
