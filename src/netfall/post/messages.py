@@ -28,14 +28,7 @@ EXCESSIVE_MEASURING_LOAD = Message("W844")
 NO_BREAKING_LOAD = Message("W845")
 NO_YIELD_STRESS = Message("W846")
 UNCHECKED_COMPRESSION = Message("W847")
-UNDIVIDED_BENDING = Message(
-    "W848",
-    "[group.{group}]: element {element} of {length:.3g} m may carry {load:.3g} kN/m. Moments of loads "
-    "between the ends of elements, here up to {moment:.3g} kN m ({share:.0%} of the resistance), are missing "
-    "in the checks. Set [net] subdivide.",
-    "Loads act at nodes, so a moment is linear between them. The load is estimated from those at both nodes, "
-    "over the lengths of the bars of chains there; an element loaded only at its nodes lacks nothing.",
-)
+UNDIVIDED_BENDING = Message("W848")
 NO_EQUILIBRIUM = Message("W842")
 
 # studies of accuracy and scaling
