@@ -26,7 +26,7 @@ REALS, WHOLES = types.Array(types.float64, 2, "C"), types.Array(types.int64, 2, 
 
 def signature():
     """Return the types of the arguments of `kernels.advance`."""
-    return WHOLES, REALS, types.Array(types.uint64, 1, "C")
+    return WHOLES, REALS, types.Array(types.int64, 1, "C"), types.Array(types.uint64, 1, "C")
 
 
 def registers(ptx: Path) -> tuple[int, int]:

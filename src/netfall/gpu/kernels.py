@@ -30,18 +30,19 @@ from netfall.physics.fracture import remove_broken_element, split_particles
 cuda: Any = None
 meet: Any = None  # barrier of the threads of a net
 IN_BLOCKS = False  # whether a net has the threads of one block; otherwise one net has all threads
-work_at: Any = None  # returns the `LoopState` at an address
+net_at: Any = None  # returns the `NetMemory` at an address
 atomic_add: Any = None  # (array, index, value): adds; returns the former value
 ScratchOfThread = namedtuple("ScratchOfThread", list(Scratch.kind.fields))  # type: ignore[misc]
 split: Any = split_particles
 remove: Any = remove_broken_element
 
 # Columns of an order: the task of a net in a launch, and then the work done.
-# FIRST to TRIAL : of an `Interval`; MADE, TABLE_ROWS, EVENT_COUNT : out, counters of `Rows` and `Events`
+# FIRST to TRIAL : of an `Interval`; BEGIN : of the inputs of the net
+# MADE, TABLE_ROWS, EVENT_COUNT : out, counters of `Rows` and `Events`
 # DONE, PENDING : out, what `time_loop` returns first and second
 # COUNTS : three numbers of elements that break in this step, the last, and the next
-FIRST, STEPS, STRIDE, TRIAL, MADE, TABLE_ROWS, EVENT_COUNT, DONE, PENDING, COUNTS = range(10)
-COLUMNS = 16  # with those from `rows.LARGEST` on
+FIRST, STEPS, STRIDE, TRIAL, BEGIN, MADE, TABLE_ROWS, EVENT_COUNT, DONE, PENDING, COUNTS = range(11)
+COLUMNS = 17  # with those from `rows.LARGEST` on
 
 
 def break_element(e: Any, time: Any, step: Any, dt: Any, elements: Any, law: Any, fractures: Any) -> Any:
@@ -100,16 +101,17 @@ def collect_slots(thread: Any, threads: Any, work: Any) -> None:
     meet()
 
 
-def advance(orders: Any, lengths: Any, addresses: Any) -> None:
+def advance(orders: Any, lengths: Any, inputs: Any, addresses: Any) -> None:
     """Compute `explicit.loop.time_loop` for an interval of each net, or of the single net.
 
     orders : (nets, COLUMNS); lengths : (nets, 5) before_dt to sample_dt of an `Interval`
-    addresses : (nets,) of a `LoopState` each
+    inputs : words of the arrays that the host has changed; addresses : (nets,) of a `NetMemory` each
     """
     thread, threads, net = cuda.grid(1), cuda.gridsize(1), 0
     if IN_BLOCKS:
         thread, threads, net = cuda.threadIdx.x, cuda.blockDim.x, cuda.blockIdx.x
-    order, work = orders[net], work_at(addresses[net])
+    order, memory = orders[net], net_at(addresses[net])
+    work = memory.work
     first, steps, stride, trial = order[FIRST], order[STEPS], order[STRIDE], order[TRIAL] != 0
     before_dt, dt, zeta = lengths[net, 0], lengths[net, 1], lengths[net, 2]
     sample_time, sample_dt = lengths[net, 3], lengths[net, 4]
@@ -121,6 +123,7 @@ def advance(orders: Any, lengths: Any, addresses: Any) -> None:
         cuda.local.array((3, 1), np.float64),
         cuda.local.array((1,), np.float64),
     )
+    begin(thread, threads, order, inputs, memory)
     in_second = False  # whether x(n) is in the second array
     last_dt_v, done = -1.0, steps
     for s in range(steps):
@@ -165,6 +168,16 @@ def advance(orders: Any, lengths: Any, addresses: Any) -> None:
         return_positions(thread, threads, work)
     meet()
     end(thread, threads, order, done, work)
+
+
+def begin(thread: Any, threads: Any, order: Any, inputs: Any, memory: Any) -> None:
+    """Copy the inputs of a net to its arrays, and before a trial what `GpuNet.revert` restores."""
+    for k in range(thread, memory.inputs.shape[0], threads):
+        memory.inputs[k] = inputs[order[BEGIN] + k]
+    if order[TRIAL] != 0 and memory.work.breaks:
+        for k in range(thread, memory.rest.shape[0], threads):
+            memory.saved[k] = memory.rest[k]
+    meet()
 
 
 def step_particles(

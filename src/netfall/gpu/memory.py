@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.records import Record
+from netfall.core.records import Record, i8
 from netfall.explicit.loop import LoopState
 from netfall.physics.events import COLUMNS
 
 LINE = 64  # bytes to whose multiples arrays are aligned
-# Groups of arrays, in their order in memory. HOST : which the host changes between launches, and the device
-# too in part; EVENTS, TABLE : log of fractures, history rows; REST : all others
-HOST, EVENTS, TABLE, REST = range(4)
+# Groups of arrays, in their order in memory. INPUTS : which the host changes between launches, and the device
+# too in part; EVENTS, TABLE : log of fractures, history rows; REST : all others, of which a trial has a copy
+INPUTS, EVENTS, TABLE, REST = range(4)
 LOADS = ("load_before", "load_after", "speed_before", "speed_after")
 
 
@@ -36,33 +36,48 @@ def arrays_in(record: Record) -> Iterator[np.ndarray]:
     return (value for value in values if isinstance(value, np.ndarray) and value.size)
 
 
-class MemoryMap:
-    """Places of all arrays and tables of a `LoopState` in one piece of memory.
+class NetMemory(Record):
+    """Net in the memory of a device. inputs, rest, saved : groups of arrays and copy of REST, in words"""
 
-    offsets : [bytes] of arrays and tables, by their addresses on the host; size : [bytes] of the memory
-    groups : arrays; bounds : [bytes] of the groups, after which the tables follow
+    work: LoopState
+    inputs: i8
+    rest: i8
+    saved: i8
+
+
+class MemoryMap:
+    """Places of all arrays and tables of a `LoopState` in one piece of memory, after the table of `net`.
+
+    offsets : [bytes] of arrays and tables, by their addresses on the host
+    size : [bytes] without the copy of REST at the end
+    bounds : [bytes] of the groups, after which tables follow
+    staged : memory of the host; groups : pairs of an array and its place there
     """
 
     def __init__(self, work: LoopState):
-        self.work, self.size = work, 0
-        self.records = {record.address: record for record in records_in(work)}
+        self.work, self.size = work, LINE
         particles, rows, events = work.particles, work.rows, work.fractures.events
-        loads = [getattr(particles, name) for name in LOADS]
-        others = [array for record in self.records.values() for array in arrays_in(record)]
+        records = list(records_in(work))
         groups = (
-            [*loads, rows.made, work.spare.events],
+            [*(getattr(particles, name) for name in LOADS), rows.made, work.spare.events],
             [getattr(events, name) for name in COLUMNS],
             list(arrays_in(rows.table)),
-            others,
+            [array for record in records for array in arrays_in(record)],
         )
         self.offsets: dict[int, int] = {}
-        self.groups: list[list[np.ndarray]] = []
-        self.bounds = [0]
+        self.bounds, placed = [self.size], []
         for group in groups:
-            self.groups.append([array for array in group if self._place(array)])
+            placed.append([array for array in group if self._place(array)])
             self.bounds.append(self.size)
-        for record in self.records.values():
+        for record in records:
             self._place(record.words)
+        self.staged = np.zeros(self.size + self.bounds[REST + 1] - self.bounds[REST], np.uint8)
+        begins = self.bounds[INPUTS], self.bounds[REST], self.size
+        ends = self.bounds[INPUTS + 1], self.bounds[REST + 1], len(self.staged)
+        parts = [self.staged[begin:end].view(np.int64) for begin, end in zip(begins, ends)]
+        self.net = NetMemory(work, *parts)
+        self.offsets |= dict(zip(map(address_of, parts), begins)) | {self.net.address: 0}
+        self.groups = [[(array, self.view(array, self.staged)) for array in group] for group in placed]
 
     def _place(self, array: np.ndarray) -> bool:
         """Give an array a place, unless it has one or is empty; return whether it now has a new one."""
@@ -86,10 +101,10 @@ class MemoryMap:
                 fields[name] = self.view(value, memory)
         return type(record)(**fields)
 
-    def write_tables(self, memory: np.ndarray, address: int) -> None:
+    def write_tables(self, address: int) -> None:
         """Write the tables of the records, with the addresses of a memory that begins at an address."""
-        for record in self.records.values():
-            table = self.view(record.words, memory)
+        for record in records_in(self.net):
+            table = self.view(record.words, self.staged)
             table[:] = record.words
             for name, word in record.kind.places.items():
                 if isinstance(getattr(record, name), np.ndarray | Record):

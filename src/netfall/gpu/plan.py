@@ -117,8 +117,6 @@ class GpuPlan(StepPlan):
             while not self._gpu.upload(net, work):
                 self._advance(None)
             self._on_host = False
-        if interval.trial and work.breaks:
-            net.save()
         made, count = work.rows.made, self.events.count
         order[:] = 0
         order[: TRIAL + 1] = int(interval.first), int(interval.steps), interval.stride, interval.trial

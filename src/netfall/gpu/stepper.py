@@ -10,7 +10,7 @@ import numpy as np
 from netfall.core.errors import InputError
 from netfall.explicit.loop import LoopState
 from netfall.gpu import kernels, messages, scalars
-from netfall.gpu.memory import HOST, REST, MemoryMap
+from netfall.gpu.memory import INPUTS, REST, MemoryMap, NetMemory
 from netfall.gpu.target import Translator, cuda_module, is_simulated, record_reader
 
 MEMORY_SHARE = 0.9  # share of the free memory of the device for nets; kernels also need some
@@ -40,7 +40,7 @@ def make_translator(cuda: Any, in_blocks: bool) -> Translator:
         meet = compiled(lambda: cuda.syncthreads())
     else:
         meet = compiled(lambda: cuda.cg.this_grid().sync())
-    names |= {"cuda": cuda, "meet": meet, "IN_BLOCKS": in_blocks, "work_at": record_reader(LoopState.kind)}
+    names |= {"cuda": cuda, "meet": meet, "IN_BLOCKS": in_blocks, "net_at": record_reader(NetMemory.kind)}
     translator = Translator(compiled, table, names)
     translator.names["break_element"] = translator.translate(kernels.break_element)
     return translator
@@ -79,55 +79,53 @@ class GpuNet:
     def release(self) -> None:
         """Release the memory on the device."""
         self.memory: Any = np.zeros(0, np.uint8)
-        self.saved = self.staged = self.memory
 
     def allocate(self, work: LoopState) -> bool:
         """Allocate memory for a net, and for the copy of a trial; return whether that is possible."""
         if self.map is not None and self.map.work is work and self.memory.size:
             return True
         self.map = MemoryMap(work)
-        if self.memory.size != self.map.size:
+        needed = self.map.staged.size
+        if self.memory.size != needed:
             self.release()
-            needed = self.map.size * (1 + bool(work.breaks))
             if needed > MEMORY_SHARE * free_memory():
                 return False
-            allocate = np.zeros if is_simulated() else cuda_module().device_array
-            memory = allocate(needed, np.uint8)
-            self.memory, self.saved = memory[: self.map.size], memory[self.map.size :]
-            self.staged = self.memory if is_simulated() else np.zeros(self.map.size, np.uint8)
+            self.memory = (np.zeros if is_simulated() else cuda_module().device_array)(needed, np.uint8)
         if is_simulated():
-            self.address = self.map.record_in(self.memory, work)
+            self.address = self.map.record_in(self.memory, self.map.net)
         else:
-            begin = self.memory.__cuda_array_interface__["data"][0]
-            self.map.write_tables(self.staged, begin)
-            self.address = begin + self.map.offsets[work.address]
+            self.address = self.memory.__cuda_array_interface__["data"][0]
+            self.map.write_tables(self.address)
         return True
 
-    def upload(self, last: int = REST) -> None:
-        """Copy the groups of arrays up to the last to the device; after all groups, also the tables."""
-        for arrays in self.map.groups[: last + 1]:
-            for array in arrays:
-                self.map.view(array, self.staged)[...] = array
-        end = self.map.size if last == REST else self.map.bounds[last + 1]
-        copy(self.staged[:end], self.memory[:end])
+    def stage(self, last: int) -> None:
+        """Copy the groups of arrays up to the last to the memory of the host."""
+        for pairs in self.map.groups[: last + 1]:
+            for array, place in pairs:
+                place[...] = array
+
+    def upload(self) -> None:
+        """Copy all arrays and tables to the device."""
+        self.stage(REST)
+        copy(self.map.staged[: self.map.size], self.memory[: self.map.size])
+
+    def inputs(self) -> np.ndarray:
+        """Return the words of the arrays that the host changes between launches."""
+        self.stage(INPUTS)
+        words: np.ndarray = self.map.net.inputs
+        return words
 
     def fetch(self, first: int, last: int) -> None:
         """Copy groups of arrays from the device."""
         begin, end = self.map.bounds[first], self.map.bounds[last + 1]
-        copy(self.memory[begin:end], self.staged[begin:end])
-        for arrays in self.map.groups[first : last + 1]:
-            for array in arrays:
-                array[...] = self.map.view(array, self.staged)
-
-    def save(self) -> None:
-        """Copy what the device changes, for `revert`."""
-        begin = self.map.bounds[HOST + 1]
-        copy(self.memory[begin:], self.saved[begin:])
+        copy(self.memory[begin:end], self.map.staged[begin:end])
+        for pairs in self.map.groups[first : last + 1]:
+            for array, place in pairs:
+                array[...] = place
 
     def revert(self) -> None:
-        """Return to what was saved."""
-        begin = self.map.bounds[HOST + 1]
-        copy(self.saved[begin:], self.memory[begin:])
+        """Return to what the last trial saved."""
+        copy(self.memory[self.map.size :], self.memory[self.map.bounds[REST] : self.map.bounds[REST + 1]])
 
 
 Advance = Callable[[GpuNet | None], None]  # None: wait until another net may have been released
@@ -148,7 +146,7 @@ class Gpu:
         if not net.allocate(work):
             self._nets = {other for other in self._nets if other.memory.size}
             if not self._nets:
-                needed = net.map.size * (1 + bool(work.breaks)) / MEMORY_SHARE
+                needed = net.map.staged.size / MEMORY_SHARE
                 raise InputError(messages.TOO_LARGE(needed=needed / 1e9, free=free_memory() / 1e9))
             return False
         self._nets.add(net)
@@ -159,13 +157,13 @@ class Gpu:
         """Advance nets by their orders, which then contain the work done."""
         if not nets:
             return
-        for net in nets:
-            net.upload(HOST)
         orders, lengths = np.array([net.order for net in nets]), np.array([net.lengths for net in nets])
+        inputs = [net.inputs() for net in nets]
+        orders[1:, kernels.BEGIN] = np.cumsum([len(words) for words in inputs[:-1]])
         cuda, addresses = cuda_module(), tuple(net.address for net in nets)
         on_device = cuda.to_device(orders)
         tables = addresses if is_simulated() else cuda.to_device(np.array(addresses, np.uint64))
-        arguments = on_device, cuda.to_device(lengths), tables
+        arguments = on_device, cuda.to_device(lengths), cuda.to_device(np.concatenate(inputs)), tables
         kernel, blocks = advance_kernel(self.in_blocks), len(nets)
         if not self.in_blocks:
             blocks = _blocks(kernel, arguments, nets[0].map.work.particles.x.shape[1])
