@@ -8,15 +8,20 @@ import sys
 import tomllib
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import hypothesis
 import hypothesis.strategies as st
+import numpy as np
 import pytest
 from conftest import BIN, ENVIRONMENT, ROOT, run_netfall, run_process
 from drawn_jobs import FLAGS, QUIET, WINDS, jobs
 from nets import bare_saddle
 from results import differences, figures
+
+from netfall.core.errors import InputError
+from netfall.gpu import stepper
 
 ON_GPU = dict.fromkeys(FLAGS, True) | {"motion": False, "band": False, "rests": False}
 ALL = ON_GPU | {"logarithmic": False, "wind": "gusts"}
@@ -148,6 +153,19 @@ together.join()
 def test_an_error_at_the_end_of_a_task_ends_the_tasks_that_wait():
     """The last task that runs ends, and the launch for the other one fails."""
     assert subprocess.run([sys.executable, "-c", FAULTY], timeout=60).returncode == 7
+
+
+def test_a_net_too_large_for_the_device_waits_for_others_or_is_refused(monkeypatch):
+    """It needs 2 GB of 1 GB, of which another net has a part."""
+    monkeypatch.setattr(stepper, "free_memory", lambda: 1e9)
+    net = SimpleNamespace(allocate=lambda work: False, map=SimpleNamespace(size=0.9e9))
+    gpu, other, work = stepper.Gpu(), stepper.GpuNet(), SimpleNamespace(breaks=1)
+    gpu._nets.add(other)
+    other.memory = np.zeros(1)
+    assert not gpu.upload(net, work)
+    other.release()
+    with pytest.raises(InputError, match=r"2(\.0)? GB.*1(\.0)? GB.*E074"):
+        gpu.upload(net, work)
 
 
 @pytest.mark.parametrize(
