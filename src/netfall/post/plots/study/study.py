@@ -53,9 +53,7 @@ def inputs(study: Study) -> Figure:
     fixed = chosen_inputs(study)
     within = f"; correlations within each {' and '.join(fixed)}" if fixed else ""
     if failed := int((study.samples["state"] == "no_equilibrium").sum()):
-        within += (
-            f"; {count_of(failed, 'sample')} without equilibrium as the worst, infinite ones without a dot"
-        )
+        within += f"; {count_of(failed, 'sample')} without equilibrium: the worst, without a dot if infinite"
     subtitle = f": random inputs and outcomes (grey: not significant{within})"
     canvas.set_figure_title(figure, study.title, subtitle)
     return figure
