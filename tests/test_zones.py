@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from conftest import STEEL, error_lines
-from nets import model_of
+from nets import model_of, table
 
 from netfall.core.errors import InputError
 from netfall.geometry.areas import RoofFaces, find_roof, tributary_areas
@@ -32,6 +32,9 @@ def grid(zone=lambda x, y: "") -> tuple[str, str]:
     elements = [f"{node(x, y)},{node(x + 1, y)},x" for x, y in places if x < SIDE - 1]
     elements += [f"{node(x, y)},{node(x, y + 1)},y" for x, y in places if y < SIDE - 1]
     return "\n".join(["id,x,y,z,fixed,zone", *nodes]), "\n".join(["start,end,group", *elements])
+
+
+CROSSED_CELL = f"\n{node(1, 1)},{node(2, 2)},y\n{node(1, 2)},{node(2, 1)},y"  # two elements
 
 
 def square(name: str, x0, y0, x1, y1) -> str:
@@ -147,10 +150,8 @@ SHARED = """id, x, y, z, fixed, zone, zone_share
 3, 3, 0, 0, 1, , 
 """
 CHAIN = "start, end\n0, 1\n1, 2\n2, 3\n"
-OF_DRIFT = (
-    "[load]\nself_weight = false\n"
-    "snow = 100.0\n[load.zone.drift]\nsnow = 500.0\n[load.zone.edge]\nsnow = 300.0\n"
-)
+OF_DRIFT = "[load]\nself_weight = false\nsnow = 100.0\n[load.zone.drift]\nsnow = 500.0\n"
+OF_DRIFT += "[load.zone.edge]\nsnow = 300.0\n"
 
 
 def test_a_column_gives_shares_of_zones(workshop):
@@ -164,9 +165,8 @@ def test_a_column_gives_shares_of_zones(workshop):
     assert zoned.names == ["drift", "edge"]
     assert zoned.spread(job.load, "snow").tolist() == [350, 300, 300, 100, 300, 100, 100]
     assert zoned.share[:4, :2].tolist() == [[0.5, 0.25], [0.5, 0], [0, 1], [0, 0]]
-    names = '[[zone]]\nname = "drift"\n[[zone]]\nname = "edge"\n'
-    rest = "[load.zone.rest]\nsnow = 0.0\n"
-    text = STEEL + OF_DRIFT + rest + square("rest", -1, -1, 9, 1) + names
+    text = STEEL + OF_DRIFT + "[load.zone.rest]\nsnow = 0.0\n" + square("rest", -1, -1, 9, 1)
+    text += '[[zone]]\nname = "drift"\n[[zone]]\nname = "edge"\n'
     job = read_job(workshop.job(text, SHARED, CHAIN))
     zoned = zones_at(job)
     assert zoned.names == ["rest", "drift", "edge"]
@@ -467,27 +467,21 @@ def test_zones_and_directions_without_effect_are_notes(workshop):
 
 def test_a_zone_without_roof_area_is_a_warning(workshop):
     """All four faces around its only node are openings. With one of them it carries a quarter."""
-    text = STEEL + "[load]\nself_weight = false\ndead = 1.0\n[load.zone.a]\nsnow = 2.0\n"
+    text = "[load]\nself_weight = false\ndead = 1.0\n[load.zone.a]\nsnow = 2.0\n"
     text += square("a", 0.9, 0.9, 1.1, 1.1)
-    nodes, elements = grid()
     bare = 'warning: zone "a": no effect: its nodes have no roof area, on which its values act. '
-
-    def has_warning(more):
-        model = model_of(read_job(workshop.job(text + more, nodes, elements)))
-        return any(note.startswith(bare) for note in model.start_notes)
-
     around = [[x + 0.5, y + 0.5] for x in (0, 1) for y in (0, 1)]
-    assert has_warning(f"[roof]\nopenings = {around}\n")
-    assert not has_warning(f"[roof]\nopenings = {around[1:]}\n")
+    for openings, warns in ((around, True), (around[1:], False)):
+        notes = model_of(grid_job(workshop, f"{text}[roof]\nopenings = {openings}\n")).start_notes
+        assert any(note.startswith(bare) for note in notes) == warns
 
 
 def test_loads_of_a_zone_alone_need_areas_and_normals(workshop):
     """A zone has the only pressure, or the only coefficient that is not 0."""
     text = "[load]\nself_weight = false\nsteps = 1\n[load.zone.a]\npressure = 2.0\n" + square("a", 1, 1, 2, 2)
     nodes, elements = grid()
-    crossing = elements + f"\n{node(1, 1)},{node(2, 2)},y\n{node(1, 2)},{node(2, 1)},y"
     with pytest.raises(InputError, match="cross in plan without a node"):
-        make_layout(read_job(workshop.job(STEEL + text, nodes, crossing)), 1)
+        make_layout(read_job(workshop.job(STEEL + text, nodes, elements + CROSSED_CELL)), 1)
     zero = ZONED.replace("pressure_coefficient = -1.0", "pressure_coefficient = 0.0")
     assert not any("pressure_coefficient = 0" in note for note in notes_of(workshop, zero))
 
@@ -532,9 +526,8 @@ def test_a_concave_polygon_cuts_faces_of_any_corners(workshop, parts, slope):
     area = 0.5 * sum(p[0] * q[1] - q[0] * p[1] for p, q in zip(corners, np.roll(corners, -1, axis=0)))
     text = SNOW + f'[[zone]]\nname = "half"\npolygon = {corners.tolist()}\ncut = true\n'
     nodes, elements = grid()
-    first, *rows = nodes.splitlines()
-    raised = [row.split(",") for row in rows]
-    nodes = "\n".join([first, *(f"{i},{x},{y},{slope * float(x)},{f},{z}" for i, x, y, _, f, z in raised)])
+    raised = (row.split(",") for row in nodes.splitlines()[1:])
+    nodes = table("id,x,y,z,fixed,zone", ((i, x, y, slope * float(x), f, z) for i, x, y, _, f, z in raised))
     model = model_of(read_job(workshop.job(STEEL + text, nodes, elements), [f"net.subdivide={parts}"]))
     # sums of hundreds of pieces
     assert -model.loading.live[:, 2].sum() == pytest.approx(100.0 * area, rel=1e-12)
@@ -547,15 +540,13 @@ def test_the_order_of_the_tables_does_not_matter_to_cuts_of_warped_faces(worksho
     """
     zone = '[[zone]]\nname = "half"\ncut = true\npolygon = [[0, 0], [3, 0], [3, 8], [0, 8]]\n'
     places = [(x, y) for x in range(3) for y in range(3)]
-    nodes = [f"{3 * x + y},{4 * x},{4 * y},{2 * (x - 1) * (y - 1) + 2.8 * x},1" for x, y in places]
-    elements = [f"{3 * x + y},{3 * x + y + 3}" for x, y in places if x < 2]
-    elements += [f"{3 * x + y},{3 * x + y + 1}" for x, y in places if y < 2]
+    nodes = [(3 * x + y, 4 * x, 4 * y, 2 * (x - 1) * (y - 1) + 2.8 * x, 1) for x, y in places]
+    elements = [(3 * x + y, 3 * x + y + 3) for x, y in places if x < 2]
+    elements += [(3 * x + y, 3 * x + y + 1) for x, y in places if y < 2]
     snow, rng = [], np.random.default_rng(1)
     for _ in range(6):
-        tables = (
-            "\n".join([head, *rng.permutation(rows)])
-            for head, rows in (("id,x,y,z,fixed", nodes), ("start,end", elements))
-        )
+        points = table("id,x,y,z,fixed", (nodes[k] for k in rng.permutation(9)))
+        tables = points, table("start,end", (elements[k] for k in rng.permutation(12)))
         model = model_of(read_job(workshop.job(STEEL + SNOW + zone, *tables), ["net.subdivide=2"]))
         snow.append(-model.loading.live[:, 2].sum())
     assert snow == pytest.approx([snow[0]] * 6, rel=1e-12) and snow[0] == pytest.approx(2400.0, rel=0.02)
@@ -607,9 +598,8 @@ def test_values_of_cut_zones_are_means_by_area(workshop):
 def test_a_cut_without_faces_has_no_effect(workshop):
     nodes, elements = grid()
     first, *rows = nodes.splitlines()
-    nodes = "\n".join([first + ",area", *(row + ",1.0" for row in rows)])
-    crossing = elements + f"\n{node(1, 1)},{node(2, 2)},y\n{node(1, 2)},{node(2, 1)},y"
-    model = model_of(read_job(workshop.job(STEEL + SNOW + cut("half", 0, 0, 2, 5), nodes, crossing)))
+    tables = "\n".join([first + ",area", *(row + ",1.0" for row in rows)]), elements + CROSSED_CELL
+    model = model_of(read_job(workshop.job(STEEL + SNOW + cut("half", 0, 0, 2, 5), *tables)))
     assert 'note: zone "half": cut: no effect: the net has no faces. [N200]' in model.layout.notes
     assert model.loading.live[:, 2].sum() == -100.0 * 3 * SIDE
 
@@ -625,9 +615,6 @@ def test_panels_have_the_loads_of_cut_zones(workshop):
     at_nodes = lambda values: np.bincount(panels.node, values, model.net.n)
     assert at_nodes(panels.mass) == pytest.approx(model.loading.carried, rel=1e-13)
     for axis in range(3):
-        assert at_nodes(panels.pressure[:, axis]) == pytest.approx(
-            loading.live[:, axis] + 9.81 * (loading.carried - 8.0 * model.roof.area / 9.81) * (axis == 2),
-            rel=1e-12,
-            abs=1e-12,
-        )
+        expected = loading.live[:, axis] + (9.81 * loading.carried - 8.0 * model.roof.area) * (axis == 2)
+        assert at_nodes(panels.pressure[:, axis]) == pytest.approx(expected, rel=1e-12, abs=1e-12)
         assert at_nodes(panels.wind[:, axis]) == pytest.approx(model.wind[:, axis], rel=1e-13, abs=1e-14)
