@@ -1,8 +1,10 @@
 """The result file: read by VTK as in ParaView, complete by the contract, whole or absent; pictures, text."""
 
+import contextlib
 import os
 import pty
 import re
+import shutil
 import subprocess
 import termios
 from functools import cache
@@ -21,7 +23,7 @@ from drawings import Sketch
 from kill_runs import changed
 from matplotlib.text import Text
 from nets import MAST, STORM, bare_saddle, mast_and_ring, saddle, stage
-from PIL import Image
+from PIL import Image, ImageSequence
 
 from netfall.core.errors import InputError
 from netfall.core.progress import Progress
@@ -102,9 +104,8 @@ def test_the_file_has_the_datasets_of_the_contract(storm):
 
 def test_small_displacements_do_not_look_as_large_as_others(storm, tmp_path):
     """A thousandth of the motion along x fills no panel of its own."""
-    with h5py.File(tmp_path / "small.h5", "w") as f:
-        for name in ("history", "events", "net", "provenance"):
-            storm.copy(name, f)
+    shutil.copy(storm.filename, tmp_path / "small.h5")
+    with h5py.File(tmp_path / "small.h5", "r+") as f:
         moved = f["history/probe_displacement"][:]
         moved[..., 0] = 1e-3 * moved[..., 2]
         f["history/probe_displacement"][:] = moved
@@ -195,6 +196,7 @@ def test_vtk_reads_the_series(storm):
     assert len(snapshots[0][1]) == n < len(points)
 
 
+PRESSED_MAST = STEEL + MAST + "[form_finding]\n", *mast_and_ring()
 STILL = '[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\n"
 ODD_NODES = "id,x,y,z,fixed,load_z,mass\n100,0,0,0,1,0,0\n7,10,0,0,0,-1e6,1000\n55,20,0,0,1,0,0\n"
 ODD_ELEMENTS = "id,start,end\n31,100,7\n-4,55,7\n"
@@ -265,7 +267,7 @@ def load_path(path, factors, tension, z, attributes=()):
 
 def test_a_plot_removes_pictures_of_an_earlier_result(workshop):
     """The wind of an earlier run must not pass for that of this one, which has none."""
-    workshop.solve(STEEL + MAST + "[form_finding]\n", *mast_and_ring()).close()
+    workshop.solve(*PRESSED_MAST).close()
     result, folder = workshop.folder / "result.vtkhdf", workshop.folder
     drawn = plot_all(result, folder)
     (folder / "result_wind.png").write_bytes(drawn[0].read_bytes())
@@ -477,7 +479,7 @@ def test_a_file_of_another_version_is_refused_in_one_line(storm, tmp_path, lacki
     for drawer in (run, canvas):  # pictures are made, but not drawn
         monkeypatch.setattr(drawer, "save", lambda figure, path: plt.close(figure) or path.touch() or path)
     path = tmp_path / "old.vtkhdf"
-    path.write_bytes(Path(storm.filename).read_bytes())
+    shutil.copy(storm.filename, path)
     with h5py.File(path, "r+") as file:
         if lacking in file:
             del file[lacking]
@@ -501,7 +503,7 @@ def test_a_file_of_another_version_is_refused_in_one_line(storm, tmp_path, lacki
 
 
 def test_the_old_file_remains_until_the_new_one_is_complete(workshop):
-    job = workshop.job(STEEL + MAST + "[form_finding]\n", *mast_and_ring())
+    job = workshop.job(*PRESSED_MAST)
     workshop.run(job).close()
     before = {p: p.read_bytes() for p in workshop.folder.iterdir()}
     workshop.run(job, "--set", "form_finding.max_iterations=5", code=3)
@@ -670,9 +672,8 @@ def test_a_full_disk_is_an_error_of_one_line(workshop, ranks=2):
     command = [BIN / "mpirun", "-n", ranks, BIN / "python", "-c", limited, "run", job, "--quiet"]
     output = ["-o", workshop.folder / "full.vtkhdf", "--set", "output.frames=2000"]
     done = run_process(*command, *output, timeout=120, code=1)
-    lines = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
     assert "Traceback" not in done.stderr, done.stderr
-    (line,) = lines
+    (line,) = (line for line in done.stderr.splitlines() if line.startswith("error: "))
     assert "full.vtkhdf: cannot be written" in line and "MB are free in" in line
     assert {path.name for path in workshop.folder.iterdir()} == {"job.toml"}
 
@@ -698,20 +699,22 @@ def test_an_output_path_in_use_is_refused(workshop):
     assert not (workshop.folder / ".result.vtkhdf.lock").exists()
 
 
+def pictures_of(path: Path, rows: slice) -> tuple[list[np.ndarray], list[int], float]:
+    """Return these rows of the pictures of a film, their numbers of red pixels, and its duration [s]."""
+    with Image.open(path) as film:
+        frames = [(frame.convert("RGB"), frame.info["duration"]) for frame in ImageSequence.Iterator(film)]
+    pictures = [np.asarray(picture, float)[rows] for picture, _ in frames]
+    red = [int(((p[..., 0] > 180) & (p[..., 1:] < 90).all(-1)).sum()) for p in pictures]
+    return pictures, red, sum(duration for _, duration in frames) / 1000
+
+
 def test_animation_has_a_picture_for_each_frame(storm, tmp_path):
     """17 frames at 15 a second on average, each unlike the one before. Elements that break become red."""
     ((path, text),) = animate(Path(storm.filename), tmp_path, "gif", 15)
     assert path.name == "storm_collapse.gif" and text.startswith("17 frames at 15 a second: 1.13 s for 0.8 s")
-    with Image.open(path) as film:
-        assert film.n_frames == 17
-        pictures, seconds = [], 0.0
-        for k in range(17):
-            film.seek(k)
-            pictures.append(np.asarray(film.convert("RGB"), float)[60:340])  # without title and bars
-            seconds += film.info["duration"] / 1000
-    assert seconds == pytest.approx(17 / 15, abs=0.01)  # a GIF counts hundredths
+    pictures, red, seconds = pictures_of(path, slice(60, 340))  # without title and bars
+    assert len(pictures) == 17 and seconds == pytest.approx(17 / 15, abs=0.01)  # a GIF counts hundredths
     assert all((one != other).any() for one, other in pairwise(pictures))
-    red = [int(((p[..., 0] > 180) & (p[..., 1:] < 90).all(-1)).sum()) for p in pictures]
     assert len(storm["events/time"]) > 3 and max(red[-5:]) > red[0] + 20
 
 
@@ -726,13 +729,8 @@ def test_a_film_shows_a_removed_element_and_its_end(workshop):
     assert times[3] == pytest.approx(0.3003)
     ((film, words),) = animate(path, workshop.folder, "gif", 10, FilmView(until=0.3))
     assert words.startswith("4 frames at 10 a second: 0.4 s for 0.3003 s")
-    with Image.open(film) as pictures:
-        red = []
-        for k in (0, 3):
-            pictures.seek(k)
-            colours = np.asarray(pictures.convert("RGB"), float)[150:440]
-            red.append(int(((colours[..., 0] > 180) & (colours[..., 1:] < 90).all(-1)).sum()))
-    assert red[1] > red[0] + 20
+    _, red, _ = pictures_of(film, slice(150, 440))
+    assert red[3] > red[0] + 20
 
 
 def test_animation_with_another_view_size_and_end(storm, tmp_path):
@@ -740,11 +738,8 @@ def test_animation_with_another_view_size_and_end(storm, tmp_path):
     shot = FilmView(VIEWS["plan"], (640, 480), 1.3, 0.41)
     ((path, description),) = animate(Path(storm.filename), tmp_path, "mp4", 10, shot)
     assert description.startswith("9 frames at 10 a second: 0.9 s for 0.4 s")  # of every 0.05 s
-    reader = imageio_ffmpeg.read_frames(str(path))
-    try:
+    with contextlib.closing(imageio_ffmpeg.read_frames(str(path))) as reader:
         assert next(reader)["size"] == (640, 480)
-    finally:
-        reader.close()
     assert imageio_ffmpeg.count_frames_and_secs(str(path))[0] == 9
     with pytest.raises(InputError, match=r"the second frame is at 0\.05 s"):
         animate(Path(storm.filename), tmp_path, "gif", 10, FilmView(until=0.01))
@@ -849,10 +844,8 @@ def test_an_import_writes_its_tables_after_its_output_is_closed(tmp_path):
 def test_a_large_energy_balance_error_is_named_with_its_time(last, words):
     """A sudden start has an error relative to little energy, which may be small later."""
     history = {"time": np.arange(4.0), "work_identity_error": np.zeros(4)}
-    off = {
-        "energy_balance_error": [0.0, -0.02, 0.03, last],
-        "balance_error_attached": [0.0, -0.01, 0.04, 0.5 * last],
-    }
+    off = {"energy_balance_error": [0.0, -0.02, 0.03, last]}
+    off["balance_error_attached"] = [0.0, -0.01, 0.04, 0.5 * last]
     (warning,) = balance_warnings(history | off)
     shares = "0.03 of the energy that took part, 0.04 of the largest stored in attached parts (limit 0.001)"
     assert f"off by up to {shares}, {words}. " in warning
