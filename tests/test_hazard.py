@@ -292,6 +292,9 @@ def test_a_plot_marks_truncated_intervals(tmp_path):
     study.hazard["annual_probability"][1] = np.nan  # no curve: the measure was missing, also if all failed
     axes = pictures_of(study)["hazard"](study).axes[1]
     assert len(axes.get_yticks()) == 6 and "no curve, " in axes.texts[1].get_text()
+    study.hazard["interval"][1] = 0.0, 1e-29  # far below all other probabilities
+    axes = pictures_of(study)["hazard"](study).axes[1]
+    assert min(line.get_xdata()[0] for line in axes.lines if line.get_marker() == "<") < 1e-29
 
 
 ASKED = """title = "a roof by the sea"

@@ -127,10 +127,10 @@ def _draw_probabilities(axes: Axes, h: dict[str, np.ndarray], rows: np.ndarray) 
     """Draw a line for each measure, the largest on top, with the interval and the targets of EN 1990."""
     y_ticks = np.arange(len(rows))[::-1]
     annual, interval = h["annual_probability"][rows], h["interval"][rows]
-    beyond = ""
+    beyond, floor = "", FLOOR * np.nanmin(np.fmin(annual, interval[:, 1]))
     for j, (y, p, (low, high)) in enumerate(zip(y_ticks, annual, interval)):
         if np.isfinite(low):
-            end = max(low, FLOOR * np.nanmin(annual))
+            end = max(low, floor)
             axes.plot([end, high], [y, y], color=f"C{j}", lw=2)
             if low < end:
                 axes.plot(end, y, "<", color=f"C{j}", ms=6)
