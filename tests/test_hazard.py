@@ -279,6 +279,17 @@ def test_seeds_of_the_strength_are_not_realisations_of_the_gusts(tmp_path, seed)
     assert "all samples have the same gusts" not in text and "failed of those that ran; static wind" in text
 
 
+def test_counts_stand_below_their_speeds(tmp_path):
+    """An outcome that no run at 30 m/s and no run at 50 m/s has is judged there in no run."""
+    samples = drawn_samples(np.random.default_rng(3), 10, (30.0, 40.0, 50.0), 38.0, 0.1)
+    samples["displacement_max"][samples["wind.speed"] != 40.0] = np.nan
+    write_year(tmp_path / "a.study.h5", samples, criteria(("moves", "displacement_max", 0.1)))
+    lines = study_lines(tmp_path / "a.study.h5").splitlines()
+    head, row = (next(line for line in lines if text in line) for text in (" m/s  ", "  moves "))
+    assert row[: head.index("   median")].split() == ["moves", "0/0", "10/10", "0/0"]
+    assert row.index("10/10") + 5 == head.index("40 m/s") + 6
+
+
 def test_a_plot_marks_truncated_intervals(tmp_path):
     """A bar shorter than its interval ends in an arrow, and the axis explains it. Other bars do not."""
     samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)

@@ -171,12 +171,13 @@ def _fragility(study: Study, say: Callable[..., Any]) -> None:
 
 def _table(g: Any, rows: Any, say: Any) -> None:
     """Print a line for each criterion: counts at each speed, fitted parameters with intervals, the band."""
-    tables = [statistics.bin_speeds(g["speed"], g["runs"][k], g["failed"][k]) for k in rows]
-    column = max(11, 2 * len(str(g["runs"][rows].max())) + 3)
-    head = "".join(f"{f'{v:.4g} m/s':>{column}}" for v in tables[0][0])
+    most = g["runs"][rows].max(axis=0)  # the same bins for all criteria, also if few runs have an outcome
+    column = max(11, 2 * len(str(most.max())) + 3)
+    head = "".join(f"{f'{v:.4g} m/s':>{column}}" for v in statistics.bin_speeds(g["speed"], most, most)[0])
     wide = max(len(g["measure"][k]) for k in rows)
     say(f"  {'':{wide}}{head}   {'median [m/s]':<21}  {'dispersion':<21}  band")
-    for k, (_, runs, failed) in zip(rows, tables):
+    for k in rows:
+        runs, failed = (statistics.bin_speeds(g["speed"], most, g[name][k])[2] for name in ("runs", "failed"))
         counts = "".join(f"{f'{y}/{n}':>{column}}" for n, y in zip(runs, failed))
         median = statistics.interval_text(g["median"][k], g["median_interval"][k], 4)
         dispersion = statistics.interval_text(g["dispersion"][k], g["dispersion_interval"][k], 3)
