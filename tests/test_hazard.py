@@ -290,6 +290,14 @@ def test_counts_stand_below_their_speeds(tmp_path):
     assert row.index("10/10") + 5 == head.index("40 m/s") + 6
 
 
+def test_a_net_without_roof_has_no_criteria_of_a_lost_roof(tmp_path):
+    """A mast breaks, but no roof is lost: neither curves nor annual probabilities name one."""
+    samples = drawn_samples(np.random.default_rng(3), 20, SPEEDS, 38.0, 0.1)
+    samples["detached_area"][:] = np.nan
+    assert list(write_year(tmp_path / "a.study.h5", samples)["hazard"]["measure"]) == ["first fracture"]
+    assert "roof lost" not in study_lines(tmp_path / "a.study.h5")
+
+
 def test_a_plot_marks_truncated_intervals(tmp_path):
     """A bar shorter than its interval ends in an arrow, and the axis explains it. Other bars do not."""
     samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)

@@ -56,7 +56,7 @@ def failures(samples: dict[str, np.ndarray], own: tuple[FailureCriterion, ...] =
     Exceptions: a run without a fracture time has not broken, if anything can break. A run without a dynamic
     factor, because more elements broke or because there is no equilibrium after the removal, has failed.
     Nothing breaks in equilibria: one in which an element exceeds the strain at which it breaks counts as a
-    first fracture, and the lost roof is unknown.
+    first fracture, and the lost roof is unknown. Nets without a roof have no criteria of a lost roof.
     """
     moves = np.isfinite(samples["duration"]).any()
     used = samples["utilisation_before_break"]  # nan: nothing can break
@@ -76,9 +76,11 @@ def failures(samples: dict[str, np.ndarray], own: tuple[FailureCriterion, ...] =
         judged = failed | np.isfinite(used if criterion.outcome == "first_fracture" else value)
         measures[criterion.name] = Judgement(failed, judged)
     finished = samples["state"] == "finished"
-    for name, measure in measures.items():
+    for name, measure in list(measures.items()):
         if finished.any() and not measure.judged[finished].any():
             measures[name] = Judgement(~all_judged, ~all_judged)
+            if name in LOST_ROOF:  # no roof
+                del measures[name]
     return measures
 
 
