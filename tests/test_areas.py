@@ -604,6 +604,32 @@ def test_check_says_how_to_exclude_a_large_face(workshop):
     assert "roof: 16.0 m2 of surface" in output and "largest face" not in output
 
 
+def test_the_point_in_a_large_face_lies_in_the_given_geometry(workshop):
+    """Strong cables along x pull the opening of 9 m2 to the right, away from its given place between 1 and 4."""
+    xy = [(x, y) for y in range(6) for x in range(10) if not (1 < x < 4 and 1 < y < 4)]
+    number = {place: k for k, place in enumerate(xy)}
+    rows = ((k, x, y, 0, int(x in (0, 9) or y in (0, 5))) for k, (x, y) in enumerate(xy))
+    sides = [(a, b) for a in xy for b in ((a[0] + 1, a[1]), (a[0], a[1] + 1)) if b in number]
+    q = [60 if a[0] >= 4 and a[1] == b[1] else 1 for a, b in sides]
+    elements = table("start,end,force_density", ((number[a], number[b], k) for (a, b), k in zip(sides, q)))
+    text = LOADED + '[form_finding]\nmethod = "force_density"\n'
+    job = workshop.job(text, table("id,x,y,z,fixed", rows), elements)
+    (line,) = lines_with("largest face", "check", job)
+    assert "9 m2 in plan around [2.5, 2.5], the usual one has 1 m2" in line
+
+
+def test_check_suggests_no_openings_for_a_table_of_faces(workshop):
+    """A table of faces leaves openings out, and excludes the key."""
+    corners = [(0, 1, 2), (0, 2, 3), (3, 2, 4)]
+    rows = ((face, node) for face, ring in enumerate(corners) for node in ring)
+    (workshop.folder / "faces.csv").write_text(table("face,node", rows))
+    xy = [(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 30)]
+    nodes = table("id,x,y,z,fixed", ((k, x, y, 0, int(k != 2)) for k, (x, y) in enumerate(xy)))
+    elements = table("start,end", ((k, (k + 1) % 5) for k in range(5)))
+    job = workshop.job(LOADED + '[roof]\nfaces = "faces.csv"\n', nodes, elements)
+    assert "15.5 m2 of surface" in (output := workshop.check(job)) and "largest face" not in output
+
+
 def test_a_node_above_or_below_an_element_is_named_with_its_distance(workshop):
     """The foot of an inclined mast, 3 m below a cable, probably belongs to another layer."""
     job = workshop.job(LOADED, RINGS + "9,1,3,-3,1\n", SPOKED + "1,9\n")

@@ -180,8 +180,9 @@ def _net_lines(problem: Problem) -> Iterator[str]:
         yield f"zones, of surface and in plan: {', '.join(zones)}"
     if net.roof_axes is not None:
         yield outer_side_line(model.roof.vector)
-    face = largest_face(model.x, net, model.layout.roofing.faces)
-    if face and face[0] > OPENING_AREA_RATIO * face[1]:
+    roof = problem.job.roof
+    face = largest_face(net, model.layout.roofing.faces)
+    if face and face[0] > OPENING_AREA_RATIO * face[1] and not (roof and roof.faces):
         area, usual, (x, y) = face
         yield messages.LARGE_FACE(area=area, usual=usual, x=x, y=y)
     sums = [(f"load table {name} of {place}", force) for place, name, force in _resultants(problem)]

@@ -124,14 +124,14 @@ def _unconnected(net: Net, plan: Plan, faces: Faces) -> list[tuple[str, str]]:
     return [(names(outer[r]), names(r)) for r in np.flatnonzero(of_ring != of_ring[outer])]
 
 
-def largest_face(x: np.ndarray, net: Net, faces: Faces) -> tuple[float, float, np.ndarray] | None:
+def largest_face(net: Net, faces: Faces) -> tuple[float, float, np.ndarray] | None:
     """Return the plan areas [m2] of the largest and the median face, and a point [m] in the largest.
 
-    x : (n, 3) [m]; None without faces
+    All are of the given geometry, as `[roof] openings` are. None without faces.
     """
     if not len(faces):
         return None
-    points = net.in_plan(np.concatenate([x, net.corners]))[:, :2]
+    points = net.in_plan(np.concatenate([net.x, net.corners]))[:, :2]
     area = np.bincount(faces.face_of_corner(), 0.5 * centroid_triangle_areas(points, faces))
     f, rings = int(np.argmax(area)), faces.rings
     first = rings.first_rings()
