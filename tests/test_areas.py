@@ -605,7 +605,7 @@ def test_check_says_how_to_exclude_a_large_face(workshop):
 
 
 def test_the_point_in_a_large_face_lies_in_the_given_geometry(workshop):
-    """Strong cables along x pull the opening of 9 m2 to the right, away from its given place between 1 and 4."""
+    """Strong cables along x pull the opening of 9 m2 to the right, away from its given place."""
     xy = [(x, y) for y in range(6) for x in range(10) if not (1 < x < 4 and 1 < y < 4)]
     number = {place: k for k, place in enumerate(xy)}
     rows = ((k, x, y, 0, int(x in (0, 9) or y in (0, 5))) for k, (x, y) in enumerate(xy))

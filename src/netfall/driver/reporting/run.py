@@ -224,9 +224,9 @@ def form_change_lines(problem: Problem, form: Form) -> Iterator[str]:
     """Yield the lines on how form finding changed the geometry, or on the self-stress of the net."""
     model, settings = form_found_model(problem), problem.job.form_finding
     net, area = model.net, float(model.roof.area.sum())
-    changed_later = problem.job.targets or net.length_error.any()
-    if settings and settings.method != "force_density" and not changed_later:
-        yield from text.prestress_warnings(net, model.N, form.self_stress is not None)
+    base = problem.build_up.base or model  # without errors of length
+    if settings and settings.method != "force_density" and not problem.job.targets:
+        yield from text.prestress_warnings(net, base.N, form.self_stress is not None)
     if form.self_stress is not None:
         yield text.self_stress_line(form.self_stress, net.group, net.group_names)
         return
