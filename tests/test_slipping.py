@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 from conftest import assert_same_bits_on, audits
 from nets import table
+from results import assert_same_results
+
+from netfall.parallel.partition import write_partition
 
 ROPE = "[cable]\nmodulus = 1e11\narea = {area}\ndensity = {density}\n"
 NODES, LENGTHS = "id,x,y,z,fixed,mass,load_z", "start,end,group,unstressed_length"
@@ -42,6 +45,20 @@ def test_two_weights_on_a_rope_over_a_pulley(both_ways, mu, published, heat):
     assert 2.0 * fallen == pytest.approx(a, rel=1e-4)
     assert f["history/slip_dissipation"][-1] == pytest.approx(heat, rel=1e-3, abs=1e-6)
     assert (audits(f) < (AUDIT, 1e-4)).all()
+
+
+def test_a_rank_without_slip_points_updates_ropes_that_slip_at_those_of_another(workshop):
+    """One rank has the weights, another the pulley over which their rope slips: the bits are those of one."""
+    text, nodes, elements, a, _ = atwood(0.0, 0.02)
+    job = workshop.job(text.replace("interval = 0.1", "interval = 1e-3"), nodes, elements)
+    one = workshop.run(job, output="one.vtkhdf")
+    folder = workshop.folder / "partitions"
+    folder.mkdir()
+    write_partition(folder, job.stem, one["net/elements"][:], np.array([0, 1, 1]), 2)
+    with workshop.run(job, ranks=2, output="two.vtkhdf") as two:
+        fallen = two["net/particles"][1, 2] - two["final/position"][1, 2]
+        assert 2.0 * fallen / 0.02**2 == pytest.approx(a, rel=1e-3)
+        assert_same_results(one, two)
 
 
 def test_a_slipping_rope_breaks_at_its_fracture_strain(workshop):

@@ -409,7 +409,7 @@ def advance_step(
         error = call(work.receive_forces, (buffer, in_second, dt_v, zeta, dt, work))
         if error != 0:
             return -error
-    if count >= 0 and is_present(work.slip_points.node):
+    if count >= 0 and is_present(work.slip_points.moving):
         lap_start = add_lap(work.seconds, NOTHING, 0.0, work.buffers)
         call(work.shift_slips, (dt, work))
         add_lap(work.seconds, INTEGRATION, lap_start, work.buffers)
