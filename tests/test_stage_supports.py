@@ -147,3 +147,15 @@ def test_a_node_with_an_angle_cannot_become_guided(workshop):
     assert "[[stage]] s: node 1: have an angle" in run_on_standing_ranks("check", job, code=2).stderr
     workshop.job(CABLES + RING + FORM + LOAD + stage("s", release='{1 = "xy"}'), turned, elements)
     run_on_standing_ranks("check", job)
+
+
+def test_a_node_that_a_stage_holds_can_settle(workshop):
+    """The middle of two cables of 5 m moves by 1 mm along them. Without the stage's support it is refused."""
+    nodes = "id,x,y,z,fixed\n1,0,0,5,1\n2,5,0,5,0\n3,10,0,5,1\n"
+    elements = "start,end,unstressed_length\n1,2,4.99\n2,3,4.99\n"
+    case = '[[case]]\nname = "sunk"\nsettlement = {2 = [0.001, 0.0, 0.0]}\n'
+    f = workshop.solve(CABLES + LOAD + case + stage("prop", hold="[2]"), nodes, elements)
+    assert f["cases/sunk/tension"][:] == pytest.approx(1e8 / 4.99 * np.array([0.011, 0.009]), rel=1e-9)
+    job = workshop.job(CABLES + LOAD + case + stage("prop", hold='{2 = "yz"}'), nodes, elements)
+    line = "sunk: settlement: node 2: not held after the last [[stage]]"
+    assert line in run_on_standing_ranks("check", job, code=2).stderr

@@ -195,6 +195,7 @@ def _read_case_settlement(net: Net, job: Job, case: Case) -> tuple[dict[str, Any
         return {}, []
     row_of = {number: p for p, number in enumerate(net.node_id.tolist())}
     settlement, errors, can_settle = np.zeros((net.n, 3)), [], settlement_axes(net, net.fixed)
+    can_settle |= bool(job.stages)  # they hold and release nodes: `erection.settings.check_stages`
     for name, shift in case.settlement.items():
         p = row_of.get(int(name))
         if p is None:
