@@ -311,6 +311,21 @@ def test_a_study_prints_the_warnings_of_its_job_and_its_runs(tmp_path):
     assert "wind.speed = 92.0 m/s: implausible for roofs" in line and "is the first with this" in line
 
 
+def test_a_study_prints_that_bars_exceed_the_euler_load_in_motion(tmp_path):
+    """A post with N_cr = 9.87 kN gets 6 kN suddenly, which doubles. Its run and a study of it warn."""
+    (tmp_path / "nodes.csv").write_text(
+        "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,0,1,1,1,0\n2,0,0,1,1,1,0,-6e3\n"
+    )
+    (tmp_path / "elements.csv").write_text("start,end\n1,2\n")
+    text = '[net]\nnodes = "nodes.csv"\nelements = "elements.csv"\n[cable]\nkind = "bar"\nmodulus = 1e11\n'
+    text += "area = 1e-4\ndensity = 7850.0\nsecond_moment = 1e-8\n[dynamics]\nduration = 0.01\n"
+    (tmp_path / "post.toml").write_text(text)
+    (tmp_path / "study.toml").write_text('job = "post.toml"\n[vary]\n"dynamics.safety" = [0.4]\n')
+    for command in ("run", "post.toml"), ("study", "study.toml"):
+        output = run_on_standing_ranks(*command, cwd=tmp_path).stdout
+        assert "dynamics: element 0: compression above the Euler load" in output
+
+
 def test_a_study_without_a_finished_run_has_exit_code_3(tmp_path):
     """Its time step is too long. The file is written; a repetition has the same exit code."""
     text = STUDY.replace("20.0, 30.0, 180.0", "20.0").replace("to = 2", "to = 1")
