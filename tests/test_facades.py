@@ -231,6 +231,22 @@ def test_a_canopy_and_its_facade_by_hand(workshop):
     assert np.allclose(given.roof.vector, model.roof.vector, atol=1e-12)
 
 
+def test_normals_of_the_table_are_outward(workshop):
+    """A facade that leans over its foot has downward normals; normals into the building are an error."""
+    nodes, elements = tables(*facade(2, 2))
+    text = PRESSED + "[roof]\nnormal = [0, -1, 0]\n"
+
+    def with_normals(cells):
+        head, *rows = nodes.splitlines()
+        return "\n".join([head + ",normal_x,normal_y,normal_z", *(row + cells for row in rows)]) + "\n"
+
+    job = read_job(workshop.job(text, with_normals(",0,-0.8,-0.6"), elements))
+    assert np.allclose(model_of(job).loading.live.sum(0), [0.0, 0.8e6, 0.6e6], atol=1e-6)
+    job = read_job(workshop.job(text, with_normals(",0,1,0"), elements))
+    with pytest.raises(InputError, match="expected the outward normal"):
+        model_of(job)
+
+
 @pytest.mark.parametrize("by", ["groups", "polygons"])
 def test_zones_of_a_canopy_and_its_facade_by_hand(workshop, by):
     """Coefficients 0.8 and -1.2, pressures of 1 and -2 kN/m2, snow on one of them: exact also at the fold."""

@@ -12,6 +12,8 @@ LENGTHS_IN_NET_UNIT = Message("E206")
 NORMAL_COLUMN_MISSING = Message("E207")
 INCOMPLETE_NORMAL = Message("E208")
 WRONG_NORMAL = Message("E209")
+UPWARD_NORMAL = "upward normal, normal_z >= 0"
+OUTWARD_NORMAL = "outward normal, on the side to which [roof] normal points"
 PARALLEL_ELEMENTS = Message("W210")
 CLOSE_NODES = Message("W211")
 LOOSE_ENDS = Message("W238")

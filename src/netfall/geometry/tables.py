@@ -1,5 +1,6 @@
 """Net of two tables, nodes and elements: columns, units, ends, and plausibility."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -130,7 +131,7 @@ def _node_columns(job: Job, nodes: Table) -> dict[str, Any]:
         load=vectors("load", -MAX_CELL, "N"),
         mass=nodes.numbers("mass", 0.0, low=0.0, unit="kg"),
         area=nodes.numbers("area", low=0.0, unit="m2"),
-        normal=_normals(nodes),
+        normal=_normals(nodes, job.roof and job.roof.normal),
         spring=spring,
         spring_rest=from_rotated_axes(rest, angle),
         angle=angle,
@@ -234,8 +235,8 @@ def _fixed(nodes: Table) -> np.ndarray:
     return np.column_stack([held.get(f"fixed_{k}", all_axes) for k in AXES]) == 1
 
 
-def _normals(nodes: Table) -> np.ndarray:
-    """Return the upward unit normals (n, 3), nan if none is given."""
+def _normals(nodes: Table, outward: Sequence[float] | None) -> np.ndarray:
+    """Return the upward unit normals (n, 3), nan if none is given. outward : `[roof] normal`, None: upward"""
     present = [f"normal_{k}" in nodes for k in AXES]
     if any(present) and not all(present):
         nodes.wrong(messages.NORMAL_COLUMN_MISSING())
@@ -243,8 +244,10 @@ def _normals(nodes: Table) -> np.ndarray:
     given, length = np.isfinite(normal), np.linalg.norm(normal, axis=1, keepdims=True)
     for row in np.flatnonzero(given.any(1) & ~given.all(1) & all(present)):
         nodes.wrong(messages.INCOMPLETE_NORMAL(row=nodes.at(int(row))))
-    for row in np.flatnonzero(given.all(1) & ~((length[:, 0] > 0) & (normal[:, 2] >= 0))):
+    side = messages.OUTWARD_NORMAL if outward else messages.UPWARD_NORMAL
+    is_outward = normal @ np.array(outward or (0.0, 0.0, 1.0)) >= 0
+    for row in np.flatnonzero(given.all(1) & ~((length[:, 0] > 0) & is_outward)):
         shown = ", ".join(f"{value:g}" for value in normal[row])
-        nodes.wrong(messages.WRONG_NORMAL(row=nodes.at(int(row)), normal=shown))
+        nodes.wrong(messages.WRONG_NORMAL(row=nodes.at(int(row)), normal=shown, side=side))
     length[np.abs(length - 1.0) <= UNIT_ROUNDING] = 1.0  # a unit normal is read with the same bits
     return np.divide(normal, length, out=np.full_like(normal, np.nan), where=length > 0)
