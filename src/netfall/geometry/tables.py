@@ -131,7 +131,7 @@ def _node_columns(job: Job, nodes: Table) -> dict[str, Any]:
         load=vectors("load", -MAX_CELL, "N"),
         mass=nodes.numbers("mass", 0.0, low=0.0, unit="kg"),
         area=nodes.numbers("area", low=0.0, unit="m2"),
-        normal=_normals(nodes, job.roof and job.roof.normal),
+        normal=_normals(nodes, job.roof.normal if job.roof else None),
         spring=spring,
         spring_rest=from_rotated_axes(rest, angle),
         angle=angle,
