@@ -706,6 +706,14 @@ def test_workers_that_do_not_start_end_the_study():
         WorkerPool(command, 1, 60.0, lambda _: tasks.pop(), None, lambda *_: None).run(NEVER_STOP)
 
 
+def test_the_reason_why_a_worker_ended_is_no_rule_of_dashes():
+    """mpirun writes its reason, for example a signal of the system, between two of them."""
+    ends = "raise SystemExit('------\\nrank 1 exited on signal 9 (Killed).\\n------')"
+    command, tasks = [sys.executable, "-c", ends], [("a", 0, {})] * 9
+    with pytest.raises(InputError, match=r"exit code 1: rank 1 exited on signal 9 \(Killed\)"):
+        WorkerPool(command, 1, 60.0, lambda _: tasks.pop(), None, lambda *_: None).run(NEVER_STOP)
+
+
 # --- draws, the roof that is lost
 
 

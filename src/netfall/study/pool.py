@@ -105,7 +105,7 @@ class Worker:
         """Return why the worker ended, from its exit code and its last message."""
         code = self.process.wait()
         self.complaints.seek(0)
-        output = [line.strip() for line in self.complaints.read().splitlines() if line.strip()]
+        output = [line.strip() for line in self.complaints.read().splitlines() if line.strip(" -\t")]
         message = next((line for line in output if line.startswith("error: ")), output[-1] if output else "")
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
         return f"its worker ended with {how}{': ' if message else ''}{message[:MAX_QUOTED]}"
