@@ -186,6 +186,20 @@ def test_the_report_lists_bars_and_cables_of_a_group_in_separate_rows(workshop):
     assert "".join(rows) in solved(workshop, text + STEP, nodes, elements).page
 
 
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_a_bar_in_line_with_a_cable_of_its_group_is_another_piece(workshop, order):
+    """Each has its own row, and only the cable is measured under its 10 kN."""
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,5,0\n3,0,0,10,1\n"
+    rows = "1,1,2,stay,cable,10e3\n", "2,2,3,stay,bar,10e3\n"
+    elements = "id,start,end,group,kind,prestress\n" + rows[order[0]] + rows[order[1]]
+    report = solved(workshop, BARE + STEP, nodes, elements)
+    pieces = {row["cable"]: row for row in rows_of(report.folder / "cutting_list.csv")}
+    assert {name: float(row["measuring_load"]) for name, row in pieces.items()} == {
+        "e1": pytest.approx(10e3),
+        "e2": 0.0,
+    }
+
+
 def test_the_table_of_groups_counts_elements_without_strength(workshop):
     """One of the two upper cables breaks at 240 kN, the other one never."""
     rows = ROWS.replace("12,2,5,upper,50e3,240e3", "12,2,5,upper,50e3,")

@@ -1,11 +1,11 @@
 """Cables and bending chains: sequences of elements of the table.
 
 The column `cable` of elements.csv names the cable of each element. If it is empty or absent, a cable is a
-chain of elements of one group that run straight through. At a node two of them belong together if each is
-the straightest continuation of the other, and the bend is at most `MAX_BEND` in the given geometry. A cable
-ends at a node that is held rigidly along all axes, its anchor. The parts of one subdivided element always
-belong together. Two elements of a group of [[slide]] belong together at any bend, and at a held slip point,
-if only these two of the group meet there.
+chain of elements of one group and kind that run straight through. At a node two of them belong together if
+each is the straightest continuation of the other, and the bend is at most `MAX_BEND` in the given geometry. A
+cable ends at a node that is held rigidly along all axes, its anchor. The parts of one subdivided element
+always belong together. Two elements of a group of [[slide]] belong together at any bend, and at a held slip
+point, if only these two of the group meet there.
 
 Bending chains consist of bars. A node joins two bars with bending if only these two of one cable, named in
 the column `cable`, meet there, or otherwise only these two of their group. The node may be held or free, the
@@ -94,9 +94,10 @@ def _continuing_ends(net: Net, axes: np.ndarray, named: np.ndarray) -> np.ndarra
     length = lengths(along)
     unit = along / np.where(length > 0, length, 1.0)[:, None]
     direction = np.stack([unit, -unit], axis=1).reshape(-1, 3)  # from the node of each end into its element
-    node, group = ends.ravel(), np.repeat(net.group[:: net.parts], 2)
+    kind = 2 * net.group + net.bar  # a cable contains no bar
+    node, group = ends.ravel(), np.repeat(kind[:: net.parts], 2)
     free = np.flatnonzero(~net.fixed[node].all(1) & ~np.repeat(named, 2))
-    order = free[np.argsort(node[free] * len(net.group_names) + group[free], kind="stable")]
+    order = free[np.argsort(node[free] * 2 * len(net.group_names) + group[free], kind="stable")]
     candidates, cosines, offset = [np.zeros((0, 2), np.int64)], [np.zeros(0)], 1
     while offset < len(order):
         a, b = order[:-offset], order[offset:]
