@@ -26,7 +26,12 @@ from netfall.post.plots import utilisation
 from netfall.post.plots.canvas import MARK
 from netfall.post.report.info import info_of_result
 from netfall.post.report.report import write_report
-from netfall.results.states import MOST_MARKED, at_limit_in_permanent_state, compute_envelope
+from netfall.results.states import (
+    MOST_MARKED,
+    at_limit_in_permanent_state,
+    compute_envelope,
+    equilibrium_groups,
+)
 from netfall.results.warning_text import limit_warnings
 
 BUCKLES = "breaking_load = 80e3\nsecond_moment = 1e-4\nbuckling = true"
@@ -415,6 +420,18 @@ def test_neither_stages_of_erection_nor_the_form_before_them_count_in_service(wo
     text = CASES + form + '[combinations]\n"B" = {kind = "SLS", snow = 1.0}\n[[stage]]\nname = "lift"\n'
     in_service = "\nOf kind SLS. The largest tension of each element in: permanent loads; combination B.\n"
     assert in_service in solved(workshop, text, ROOFED).page
+
+
+def test_the_largest_tension_excludes_a_form_before_stages_of_erection(workshop):
+    """The structure is never in that form, here with twice the prestress of the net that is lifted."""
+    lift = '[[stage]]\nname = "lift"\nset = {"load.temperature" = 60.0}\n'
+    text = CASES + '[form_finding]\nmethod = "given_geometry"\n' + lift
+    with workshop.solve(text, ROOFED, ELEMENTS.format(ROWS)) as f:
+        N = np.array([f[f"{place}/tension"][:] for place in equilibrium_groups(f)])
+        assert (f["form_finding/tension"][:] > N.max(0)).any()
+    rows = workshop.report().rows("elements")
+    assert [float(row["tension_max"]) for row in rows] == pytest.approx(N.max(0), rel=1e-3)
+    assert "form" not in {row["case_max"] for row in rows}
 
 
 @pytest.mark.parametrize("form", ["", '[form_finding]\nmethod = "given_geometry"\n'])

@@ -390,6 +390,7 @@ def compute_envelope(
 ) -> Envelope:
     """Compute the envelope over all equilibria, member removals and the dynamic stage.
 
+    It excludes a form that stages of erection follow, because the structure is never in that state.
     end_weight : of `checks.ends.end_weights`, for the forces at the ends of elements; None: in their middle
     A removal precedes the dynamic stage that contains it: if tensions are equal, the removal governs.
     """
@@ -399,6 +400,8 @@ def compute_envelope(
     stages = []  # name, group, largest and least force, moment, time of the largest, failed, without force
     added: list[np.ndarray] = []
     for state in equilibria(f):
+        if state.place == FORM_GROUP and last_stage(f):
+            continue
         N, forceless = state.tension(), absent(f, state.place)
         at_ends = None if state.unloaded else end_weight
         weight = 0.0 if at_ends is None else at_ends(state.place, state.position(), state.live)

@@ -40,21 +40,15 @@ UNVERIFIED_STATES = {  # of an equilibrium, also after a member removal: reason 
 }
 
 
-BEFORE_ERECTION = "before erection"  # kind of a form that stages of erection follow
-
-
 def stage_kinds(f: h5py.File, envelope: Envelope) -> np.ndarray:
     """Return the kind of case (`results.file.Case`) of each stage in an envelope, or another kind.
 
-    Others are PERMANENT, ERECTION_KIND, BEFORE_ERECTION and "". A form counts as PERMANENT, unless stages of
-    erection follow: the structure is never in that state, so no check includes it.
+    Others are PERMANENT, ERECTION_KIND and "". A form counts as PERMANENT.
     """
     kinds = {case.shown.place: case.kind for case in read_cases(f)} | {PERMANENT: PERMANENT}
     kinds |= {path: ERECTION_KIND for path in envelope.places if path.startswith("stages/")}
-    first = BEFORE_ERECTION if ERECTION_KIND in kinds.values() else PERMANENT
-    return np.array(
-        [kinds.get(envelope.places[0], first), *(kinds.get(path, "") for path in envelope.places[1:])], object
-    )
+    first, *others = envelope.places
+    return np.array([kinds.get(first, PERMANENT), *(kinds.get(path, "") for path in others)], object)
 
 
 def counted(kinds: np.ndarray, kind: str) -> np.ndarray:
@@ -68,7 +62,7 @@ def counted(kinds: np.ndarray, kind: str) -> np.ndarray:
     """
     counts, (ultimate, service) = kinds == kind, COMBINATION_KINDS
     if not kind or not counts.any():
-        counts = ~np.isin(kinds, [BEFORE_ERECTION, *(COMBINATION_KINDS if kind else ())])
+        counts = ~np.isin(kinds, COMBINATION_KINDS if kind else [])
         counts[np.flatnonzero(kinds == ERECTION_KIND)[: -1 if kind == service else 0]] = False
     elif kind != ERECTION_KIND:
         counts |= (kinds == PERMANENT) | np.isin(kinds, ["", ERECTION_KIND]) & (kind == ultimate)
