@@ -183,6 +183,17 @@ def test_expected_gust_factor():
     assert expected == pytest.approx(1 + sigma / speed * (g + 0.5772 / g), abs=0.01)
 
 
+def test_the_expected_gust_factor_of_an_hour_of_short_steps_is_a_mean_over_records():
+    """It has no jump at 131072 samples: both steps give the mean of records, below Davenport's factor."""
+    gust = Gust(en1991, 40.0, 6.0, 1200.0, 0.0)
+    n = np.geomspace(1e-6, 25.0, 100_000)
+    S = gust.spectrum(n)
+    g = np.sqrt(2 * np.log(3600 * np.sqrt(np.trapezoid(n**2 * S, n) / np.trapezoid(S, n))))
+    longer, shorter = (expected_gust_factor(gust, dt, 3600.0) for dt in (0.02, 0.028))
+    assert longer == pytest.approx(shorter, abs=0.03)
+    assert longer < 1 + gust.deviation / gust.speed * (g + 0.5772 / g) - 0.05
+
+
 def test_the_expected_gust_factor_of_short_gusts_is_a_mean_over_many_durations():
     """The factor of the spectrum of EN 1991-1-4 equals that of an independent realisation of 50 hours."""
     speed, sigma, length, dt, duration, count = 30.0, 6.0, 63.2, 0.1, 60.0, 1_800_000

@@ -12,7 +12,8 @@ from netfall.model.model import Model
 from netfall.physics.wind_spectra import Gust, make_gust, turbulence_intensity
 
 EULER = 0.5772  # Euler-Mascheroni constant
-RECORD_SAMPLES = 2**17  # of a record for the expected gust factor; more would take seconds
+RECORD_SAMPLES = 2**17  # least number in a record for the expected gust factor
+MOST_SAMPLES = 2**20  # largest number in a duration; more would take seconds
 LEAST_WINDOWS, MOST_RECORDS = 1000, 30  # durations over which the largest speed is averaged; records
 
 
@@ -25,13 +26,13 @@ def expected_gust_factor(gust: Gust, dt: float, duration: float) -> float:
     of a few seconds that exceeds the mean by half of g I, in ten minutes by 6 %.
     """
     window = int(duration / dt) + 1  # samples
-    if window > RECORD_SAMPLES:
+    if window > MOST_SAMPLES:
         n = np.geomspace(1e-4 * gust.speed / gust.length, 0.5 / dt, 2000)
         S = gust.spectrum(n)
         rate = math.sqrt(integral(n**2 * S, n) / integral(S, n))
         root = math.sqrt(2.0 * math.log(max(rate * duration, math.e)))
         return 1.0 + (root + EULER / root) * gust.deviation / gust.speed
-    random, count = np.random.default_rng(0), RECORD_SAMPLES
+    random, count = np.random.default_rng(0), max(RECORD_SAMPLES, 2 ** (window - 1).bit_length())
     windows = count // window
     amplitude = 0.5 * np.sqrt(count / dt * gust.spectrum(np.fft.rfftfreq(count, dt)))
     amplitude[0] = 0.0
