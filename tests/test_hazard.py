@@ -78,6 +78,15 @@ def test_the_annual_probability_and_its_tail_agree_with_quadrature(hazard, densi
     assert tail_share(hazard.exceedance, 38.0, 0.1, 31.0) == pytest.approx(below / whole, abs=2e-4)
 
 
+@pytest.mark.filterwarnings("error")
+def test_very_wide_curves_have_probabilities_without_overflow():
+    """A curve that hardly rises fails at half of all speeds, so P is almost 1/2; speeds end at 10 km/s."""
+    for hazard in (EN, Hazard("weibull", {"shape": 2.0, "scale": 20.0})):
+        wide = np.array([1e3, 1e6])
+        assert annual_probability(hazard.exceedance, np.full(2, 26.0), wide) == pytest.approx(0.5, abs=3e-3)
+        assert 0.0 < tail_share(hazard.exceedance, 26.0, 1e3, 25.0) < 1.0
+
+
 def test_the_code_is_a_gumbel_distribution_of_the_squared_speed():
     """EN 1991-1-4, eq. 4.2: the basic speed has a probability of 0.02 in a year; v(p) returns p, by hand."""
     for p in (0.5, 0.1, 0.02, 1e-3, 1e-6):

@@ -57,7 +57,7 @@ class Hazard(NamedTuple):
 
 def annual_probability(exceedance: Exceedance, median: np.ndarray, dispersion: np.ndarray) -> np.ndarray:
     """Compute P (R,) of lognormal curves, median (R,) [m/s]. exceedance : S(v), a function of speeds [m/s]"""
-    speed = np.exp(np.clip(np.log(median)[:, None] + dispersion[:, None] * Z, -700.0, 700.0))
+    speed = np.exp(np.clip(np.log(median)[:, None] + dispersion[:, None] * Z, -700.0, np.log(MAX_WIND_SPEED)))
     return np.asarray(np.sum(Z_WEIGHT * exceedance(speed), axis=1))
 
 
@@ -67,7 +67,7 @@ def tail_share(exceedance: Exceedance, median: float, dispersion: float, lowest:
     This share of the probability depends only on the shape of the curve. The integral of F (-dS/dv) below a
     speed u is that of phi(z) (S(v) - S(u)) over v below u.
     """
-    speed = np.exp(np.clip(np.log(median) + dispersion * Z, -700.0, 700.0))
+    speed = np.exp(np.clip(np.log(median) + dispersion * Z, -700.0, np.log(MAX_WIND_SPEED)))
     below = np.maximum(exceedance(speed) - exceedance(np.array([lowest])), 0.0)
     total = float(np.sum(Z_WEIGHT * exceedance(speed)))
     return float(np.sum(Z_WEIGHT * below)) / total if total > 0.0 else np.nan
