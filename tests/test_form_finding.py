@@ -14,8 +14,9 @@ from netfall.core.errors import Interrupted
 from netfall.core.messages import mm
 from netfall.core.timings import PhaseTimes
 from netfall.driver.setup import prepare_problem
+from netfall.geometry.build import build_net
 from netfall.job.read import read_job
-from netfall.results.text import bar_length_warnings
+from netfall.results.text import bar_length_warnings, form_lines
 from netfall.statics import newton
 from netfall.statics.form import find as form_finding
 from netfall.statics.newton import NoConvergence
@@ -81,6 +82,14 @@ def test_displacements_and_roof_area_of_the_form_are_named(workshop, top, far):
     for text in outputs_of(workshop, job):
         assert line[1:] in text, text
         assert (note[1:] in text) == far
+
+
+def test_rounding_is_no_displacement_of_the_form(workshop):
+    """A movement below 1e-9 m is 0 mm, and one above keeps its digits."""
+    net = build_net(read_job(workshop.job(STEEL + LINEAR, PYRAMID.format(top=5.0), SIDES)))
+    for distance, text in ((9.6e-12, "0 mm"), (2.0**-16, "0.01526 mm")):
+        line = next(form_lines(net, net.x + [0.0, 0.0, distance]))
+        assert line == f"form: nodes moved by up to {text} (node 5), {text} on average"
 
 
 CROSS = "id,x,y,z,fixed_x,fixed_y,fixed_z\n1,0,0,0,1,1,1\n2,3,0.5,0,0,0,0\n3,5,0,1,0,0,0\n"
