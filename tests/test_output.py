@@ -733,6 +733,14 @@ def test_a_film_shows_a_removed_element_and_its_end(workshop):
     assert red[3] > red[0] + 20
 
 
+@pytest.mark.parametrize("most, shown", [(17, 17), (6, 5), (4, 4)])
+def test_a_film_has_no_more_frames_than_the_limit(storm, tmp_path, monkeypatch, most, shown):
+    """The last of the 17 frames is shown in addition to every fourth or sixth."""
+    monkeypatch.setattr("netfall.post.plots.film.MAX_FRAMES", most)
+    ((_, text),) = animate(Path(storm.filename), tmp_path, "gif", 15)
+    assert text.startswith(f"{shown} frames")
+
+
 def test_animation_with_another_view_size_and_end(storm, tmp_path):
     """The file is MP4, read by ffmpeg. An end before the second frame is an error."""
     shot = FilmView(VIEWS["plan"], (640, 480), 1.3, 0.41)

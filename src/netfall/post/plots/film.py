@@ -81,7 +81,8 @@ def _motion(f: h5py.File, until: float) -> Reel:
     count = int(np.searchsorted(times, until + LATE * (times[1] - times[0])))
     if count < 2:
         raise InputError(messages.UNTIL_TOO_EARLY(until=until, time=times[1]))
-    steps = np.append(np.arange(0, count - 1, -(-count // MAX_FRAMES)), count - 1)
+    stride = -(-(count - 1) // (MAX_FRAMES - 1))  # the last frame is shown in addition
+    steps = np.append(np.arange(0, count - 1, stride), count - 1)
     failed = "broken or removed" if len(removals) else "broken"
 
     def words(step: int, outside: int) -> str:
