@@ -16,7 +16,6 @@ from netfall.gpu.target import Translator, cuda_module, is_simulated, record_rea
 MEMORY_SHARE = 0.9  # share of the free memory of the device for nets; kernels also need some
 THREADS = 128  # in a block
 SIMULATED_THREADS = 3  # numba's simulator starts each as a Python thread
-BARRIER_TIMEOUT_S = 600.0  # s that a simulated thread waits for the others
 
 
 @cache
@@ -35,7 +34,7 @@ def make_translator(cuda: Any, in_blocks: bool) -> Translator:
     compiled = plain if is_simulated() else cuda.jit(device=True)
     table, names = scalars.replacements(cuda, compiled)
     if is_simulated():  # blocks run one after another
-        meet: Any = Barrier(SIMULATED_THREADS, timeout=BARRIER_TIMEOUT_S).wait
+        meet: Any = Barrier(SIMULATED_THREADS).wait
     elif in_blocks:
         meet = compiled(lambda: cuda.syncthreads())
     else:

@@ -7,6 +7,8 @@ A CUDA compiler may contract a product and a sum into one operation, which round
 never contracts a product with explicit rounding. A translated kernel therefore calls `product` for each `*`.
 """
 
+from __future__ import annotations  # also in functions that `Translator` compiles: they are not evaluated
+
 import ast
 import inspect
 import os
@@ -99,21 +101,14 @@ class Products(ast.NodeTransformer):
 
 
 def source_without_products(function: types.FunctionType) -> ast.Module:
-    """Return the definition of a function without decorators and annotations, and with `product` for `*`."""
+    """Return the definition of a function without decorators, and with `product` for `*`."""
     tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
     definition = tree.body[0]
     assert isinstance(definition, ast.FunctionDef)
-    definition.decorator_list, definition.returns = [], None
-    for argument in definition.args.args:
-        argument.annotation = None
-    definition.body = [node for node in definition.body if not _is_text(node)]
+    definition.decorator_list = []
     renamed: ast.Module = Products().visit(tree)
     ast.increment_lineno(renamed, function.__code__.co_firstlineno - 1)
     return ast.fix_missing_locations(renamed)
-
-
-def _is_text(node: ast.stmt) -> bool:
-    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
 
 
 class Translator:
