@@ -5,8 +5,8 @@ values with their times.
 
 Each rank records its own particles and elements from values that the energy check of a row computes anyway.
 If rows are far apart, the envelope also includes steps between them (`explicit.sampling.update_envelope`). If
-elements can break or are removed, loads act at once or supports move, the largest forces are recorded at each
-step, since vibrations and the waves after a fracture may be shorter than the time between two rows.
+elements can yield, break or are removed, loads act at once or supports move, the largest forces are recorded
+at each step, since vibrations and the waves after a fracture may be shorter than the time between two rows.
 """
 
 from typing import Any

@@ -259,7 +259,7 @@ class Features:
     @property
     def tracks_maxima(self) -> bool:
         """Whether the largest forces of all steps are stored, because vibrations may be short."""
-        return self.shaken or self.fracture or self.losses
+        return self.shaken or self.inelastic or self.losses
 
     @property
     def tracks_minima(self) -> bool:

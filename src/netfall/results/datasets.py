@@ -134,8 +134,8 @@ element_tension | t, k | N | axial force of `[output] elements`, all parts of su
 element | k | | rows of these elements
 element_id | k | | their ids in the tables
 /envelope | Extremes over rows of the history and at least every 50 steps; axial forces over all steps if
-    elements can break, loads act at once or supports move. Rows h apart miss up to 1 - cos(pi h / T) of the
-    amplitude of a vibration of the period T: 19 % with 0.01 s and 20 Hz. | [dynamics]
+    elements can yield or break, loads act at once or supports move. Rows h apart miss up to 1 - cos(pi h / T)
+    of the amplitude of a vibration of the period T: 19 % with 0.01 s and 20 Hz. | [dynamics]
 tension_max | m | N | largest axial force; in rows of the history also of the remainder of a broken element
 tension_max_time | m | s | time of the first row, or end of the step, with this force
 tension_min | m | N | smallest axial force; with bars over the same steps as the largest, and if members are
