@@ -89,8 +89,8 @@ def test_yield_and_extremes_between_rows_have_the_bits_of_the_cpu(tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize("how", ["alone", "together"])
 def test_a_gpu_gives_the_bits_of_the_cpu_for_random_nets(tmp_path, how):
-    """Twenty-four scenes, of which some are refused on both."""
-    counts = compare(tmp_path, scenes(), 24, how)
+    """Thirty-six scenes, of which some are refused on both."""
+    counts = compare(tmp_path, scenes(), 36, how)
     assert counts["exit code 0"] >= 20, counts
     assert min(counts[key] for key in ("broken", "yielded", "slack")) > 3, counts
 
