@@ -363,6 +363,9 @@ def test_shards_are_joined_and_missing_runs_executed(whole, tmp_path):
     done = run_on_standing_ranks("study", study, "--shard", "2/3", cwd=tmp_path)
     with h5py.File(tmp_path / "storm.2-of-3.study.h5") as part:
         assert part["samples/sample"][:].tolist() == [2, 3]  # those of one speed, which share a form
+    lines: list[str] = []
+    print_study(tmp_path / "storm.2-of-3.study.h5", lines.append)
+    assert lines[1].startswith("study, part 2 of 3 only: 2 samples of ")
     done = run_on_standing_ranks("study", study, cwd=tmp_path)
     assert "storm.2-of-3.study.h5: 2 of 6 runs are there" in done.stdout, done.stdout
     same_studies(whole, tmp_path / "storm.study.h5")

@@ -64,7 +64,9 @@ def _print_inputs(study: Study, say: Callable[..., Any]) -> None:
     nets = f" of {count_of(elements, 'element')}" if elements else ""
     if any(name.startswith("net.") for name in names) and not elements:
         nets = " of nets that differ"
-    say(f"study: {count_of(n, 'sample')}{nets}, {what}")
+    shard = re.search(r"\.(\d+)-of-(\d+)$", study.name)
+    part = f", part {shard[1]} of {shard[2]} only" if shard else ""
+    say(f"study{part}: {count_of(n, 'sample')}{nets}, {what}")
     for name in names:
         say(f"  {name}: {_values(study.samples[name], unit_of_column(name))}")
     if study.moves and SPEED in names and "wind.seed" not in names:
