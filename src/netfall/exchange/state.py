@@ -14,6 +14,7 @@ from netfall.results.states import (
     group_title,
     last_stage,
     no_equilibrium,
+    start_name,
     start_position,
     start_tension,
 )
@@ -93,7 +94,8 @@ def export_state(result: Result, time: float | None, case: str | None) -> Export
     """
     warnings, stage = list[str](), last_stage(result.file)
     if time is None:
-        position, tension, name = form_of(result) + ("form",)
+        position, tension = form_of(result)
+        name = start_name(result.file).removeprefix("the ")
         displacement = np.zeros_like(position)
         if case is not None:
             shown = find_case(result, case).shown

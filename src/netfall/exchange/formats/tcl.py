@@ -132,7 +132,7 @@ def _equilibrium(result: Result, state: ExportState) -> tuple[str, np.ndarray, n
     if hasattr(result, "statics"):
         displacement, tension = result.statics["displacement"][-1], result.statics["tension"][-1]
         return "equilibrium under the static load", x + displacement, tension, warm
-    return "form", x, tension, result.elements["unstressed_length"]
+    return state.name, x, tension, result.elements["unstressed_length"]
 
 
 def _nodes(state: ExportState, settlement: np.ndarray) -> str:
