@@ -18,14 +18,18 @@ def count_of(count: int, what: str) -> str:
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
+NEGLIGIBLE_DISPLACEMENT = 1e-9  # m: rounding errors of positions
+
+
 def kN(*forces: float, digits: int = 4) -> str:
     """Return the text of a force [N], or of a range from two: "12.5 to 80 kN"."""
     return f"{_numbers(forces, 1e-3, digits)} kN"
 
 
 def mm(*lengths: float, digits: int = 4) -> str:
-    """Return the text of a displacement [m], or of a range from two."""
-    return f"{_numbers(lengths, 1e3, digits)} mm"
+    """Return the text of a displacement [m], or of a range from two; "0 mm" for rounding errors."""
+    rounded = tuple(0.0 if abs(length) < NEGLIGIBLE_DISPLACEMENT else length for length in lengths)
+    return f"{_numbers(rounded, 1e3, digits)} mm"
 
 
 def kN_m2(*pressures: float, digits: int = 4) -> str:

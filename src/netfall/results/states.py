@@ -29,7 +29,6 @@ MOST_MARKED = 4096  # elements listed in an attribute of an equilibrium: HDF5 li
 PERMANENT = "permanent"  # group of the permanent state, if there are static cases
 LIMIT_POINT = "limit_load_factor"  # attribute of a group if the load path passes a limit point
 FORM_GROUP = "form_finding"  # group of the form, in which all elements are present
-NEGLIGIBLE_DISPLACEMENT = 1e-9  # m: rounding errors of positions
 TENSION_TOLERANCE = 1e-6  # relative difference of tensions that count as equal: frames have single precision
 
 
@@ -330,7 +329,6 @@ def described_removals(f: Any) -> list[str]:
     for displacement in g.get("displacement_after", ()):  # earlier versions do not write it
         words, text = ("largest displacement in that equilibrium", "by removals so far"), []
         for what, distance in zip(words, map(lengths, (displacement, displacement - before))):
-            distance = np.where(distance < NEGLIGIBLE_DISPLACEMENT, 0.0, distance)
             if not np.isnan(distance).all():
                 text.append(f"{what} {mm(np.nanmax(distance))} (node {node_id[np.nanargmax(distance)]})")
         texts.append([", ".join(text)] if text else [])

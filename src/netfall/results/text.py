@@ -10,7 +10,6 @@ from netfall.core.messages import kN, mm
 from netfall.geometry.net import Net
 from netfall.job.values import counted
 from netfall.results import messages
-from netfall.results.states import NEGLIGIBLE_DISPLACEMENT
 
 MAX_LINE_SINE = 1e-4  # sine of the angle up to which elements count as collinear
 # of the largest force of a state of self-stress; an element with less does not belong to the state
@@ -35,7 +34,6 @@ def form_lines(
     if not free.any():
         return
     largest = int(np.argmax(moved))
-    moved[moved < NEGLIGIBLE_DISPLACEMENT] = 0.0
     line = (
         f"form: nodes moved by up to {mm(moved[largest])} (node {node_id[largest]}), "
         f"{mm(moved[free].mean())} on average"
