@@ -158,8 +158,10 @@ def test_an_error_at_the_end_of_a_task_ends_the_tasks_that_wait():
 def test_a_net_too_large_for_the_device_waits_for_others_or_is_refused(monkeypatch):
     """It needs 2 GB of 1 GB, of which another net has a part."""
     monkeypatch.setattr(stepper, "free_memory", lambda: 1e9)
-    net = SimpleNamespace(allocate=lambda work: False, map=SimpleNamespace(size=0.9e9))
-    gpu, other, work = stepper.Gpu(), stepper.GpuNet(), SimpleNamespace(breaks=1)
+    net = SimpleNamespace(
+        allocate=lambda work: False, map=SimpleNamespace(staged=SimpleNamespace(size=1.8e9))
+    )
+    gpu, other, work = stepper.Gpu(), stepper.GpuNet(), SimpleNamespace()
     gpu._nets.add(other)
     other.memory = np.zeros(1)
     assert not gpu.upload(net, work)

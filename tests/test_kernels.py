@@ -177,12 +177,13 @@ def test_kernels_work_on_a_copy_in_one_piece_of_memory(scene):
     """As on a GPU: tables with the addresses of the copy lead them there, and the original stays."""
     work = StepPlan(make_state(scene, 1600, lattice(), LATTICE, 2), NoHalo())._works[False]
     places = MemoryMap(work)
-    memory = np.zeros(places.size + 64, np.uint8)
+    memory = np.zeros(places.staged.size + 64, np.uint8)
     memory = memory[-address_of(memory) % 64 :]
-    for arrays in places.groups:
-        for array in arrays:
-            places.view(array, memory)[...] = array
-    places.write_tables(memory, address_of(memory))
+    for pairs in places.groups:
+        for array, place in pairs:
+            place[...] = array
+    places.write_tables(address_of(memory))
+    memory[: places.staged.size] = places.staged
     copied = work.with_values()
     copied.address = address_of(memory) + places.offsets[work.address]
     run_chunk(0, copied)

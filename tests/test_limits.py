@@ -33,7 +33,7 @@ def dead(shared_workshop):
 
 def limit_rows(folder, result="dead.vtkhdf") -> list[tuple[str, ...]]:
     """Return rows of the report on limits: combination, quantity, value, node, limit, result."""
-    page = (report_of(folder, result) / "summary.md").read_text().split("## Limits in service")[1]
+    page = report_of(folder, result).page.split("## Limits in service")[1]
     return re.findall(
         r"^\| (\w+) \| (displacement.*?) \| (.+?) mm \| (.+?) \| (.+?) mm \| \W*(\w+)",
         page.split("\n## ")[0],
@@ -43,7 +43,7 @@ def limit_rows(folder, result="dead.vtkhdf") -> list[tuple[str, ...]]:
 
 def test_displacements_are_given_from_the_form_and_from_the_permanent_state(dead):
     """Three cables carry 50 kN, and 50 kN with the snow of each combination, by hand."""
-    folder = report_of(dead, "dead.vtkhdf")
+    folder = report_of(dead, "dead.vtkhdf").folder
     moved, cases = rows_of(folder / "displacements.csv"), rows_of(folder / "cases.csv")
     for name in SHARES:
         assert column(moved, f"{name} z")[3] == pytest.approx(-FROM_FORM[name], rel=1e-7)
@@ -116,7 +116,7 @@ def test_limits_without_effect_are_named(workshop, limits, keys, reason):
     text = LIMITED.replace("displacement = '2 mm'\n", limits)
     done = workshop.printed(workshop.job(text, ROOFED, FACES))
     assert f"note: [limits] {keys}: no effect: {reason}. [N451]" in done
-    page = (report_of(workshop.folder, "result.vtkhdf") / "summary.md").read_text()
+    page = report_of(workshop.folder).page
     assert "Not checked: no combination" not in page
     assert ("limits neither displacements nor slack cables." in page) == ("from" in keys)
 
@@ -189,7 +189,7 @@ def test_a_slack_cable_in_parts_is_slack(workshop, parts):
     with workshop.run(job, "--set", f"net.subdivide={parts}", output="loose.vtkhdf") as f:
         assert force_words(f, find_equilibrium(f, "S")).endswith(", 2 elements slack (grey)")
         assert [series.slack.tolist() for series in shown_series(f, select_drawn(f))[0]][-1] == [2]
-    folder = report_of(workshop.folder, "loose.vtkhdf")
+    folder = report_of(workshop.folder, "loose.vtkhdf").folder
     page, info = (folder / "summary.md").read_text(), workshop.info("loose.vtkhdf")
     assert "| S | slack | 2 cables |  | 1 cables | **FAILS** |" in page
     assert re.search(r"\| combination S \|.*\| 2 \|\n", page)

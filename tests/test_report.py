@@ -66,9 +66,9 @@ def loaded(shared_workshop):
     return shared_workshop.folder
 
 
-def report_of(folder, **options) -> Report:
-    """Return the report of the result in a folder."""
-    return Workshop(folder).report(**options)
+def report_of(folder, result="result.vtkhdf", **options) -> Report:
+    """Return the report of a result in a folder."""
+    return Workshop(folder).report(result, **options)
 
 
 def write_types(folder, *rows: str) -> str:
