@@ -247,8 +247,9 @@ def test_normals_of_the_table_are_outward(workshop):
         model_of(job)
 
 
+@pytest.mark.parametrize("parts", [1, 2, 3])
 @pytest.mark.parametrize("by", ["groups", "polygons"])
-def test_zones_of_a_canopy_and_its_facade_by_hand(workshop, by):
+def test_zones_of_a_canopy_and_its_facade_by_hand(workshop, by, parts):
     """Coefficients 0.8 and -1.2, pressures of 1 and -2 kN/m2, snow on one of them: exact also at the fold."""
     x, edge, elements = folded()
     where = {"facade": "groups = ['facade', 'fold']", "canopy": "groups = ['canopy', 'fold']"}
@@ -266,7 +267,7 @@ def test_zones_of_a_canopy_and_its_facade_by_hand(workshop, by):
     wind = f"[wind]\npressure_coefficient = 0.0\n{WIND}[wind.zone.facade]\npressure_coefficient = 0.8\n"
     wind += "[wind.zone.canopy]\npressure_coefficient = -1.2\n"
     text = CABLES + LOAD + loads + zones + wind + DYNAMICS + "[roof]\nnormal = [0, -1, 1]\n"
-    model = facade_model(workshop, text, (x, edge, elements, group))
+    model = facade_model(workshop, f"subdivide = {parts}\n" + text, (x, edge, elements, group))
     assert np.allclose(model.loading.live.sum(0), [0.0, 200e3, 320e3 - 80e3], atol=1e-5)
     q = 0.5 * 1.25
     assert np.allclose(model.wind_field.force.sum(0), [0.0, 0.8 * q * 200.0, 1.2 * q * 160.0], atol=1e-9)

@@ -9,7 +9,7 @@ from netfall.core.errors import InputError
 from netfall.geometry.areas import RoofFaces, find_roof, tributary_areas
 from netfall.geometry.build import build_net
 from netfall.geometry.faces import Faces
-from netfall.geometry.zones import make_zones
+from netfall.geometry.zones import make_zones, nodes_named
 from netfall.job.read import read_job
 from netfall.loads.wind.sectors import read_sectors
 from netfall.model.layout import make_layout
@@ -157,13 +157,13 @@ OF_DRIFT += "[load.zone.edge]\nsnow = 300.0\n"
 def test_a_column_gives_shares_of_zones(workshop):
     """The first node has 100 / 4 + 300 / 4 + 500 / 2 by hand; a polygon takes the remaining share.
 
-    Inner nodes have the share that both ends have.
+    The middle of an element has half of its area at either end.
     """
     job = read_job(workshop.job(STEEL + OF_DRIFT, SHARED, CHAIN), ["net.subdivide=2"])
     net = build_net(job)
     zoned = zones_at(job, net)
     assert zoned.names == ["drift", "edge"]
-    assert zoned.spread(job.load, "snow").tolist() == [350, 300, 300, 100, 300, 100, 100]
+    assert zoned.spread(job.load, "snow").tolist() == [350, 300, 300, 100, 325, 300, 200]
     assert zoned.share[:4, :2].tolist() == [[0.5, 0.25], [0.5, 0], [0, 1], [0, 0]]
     text = STEEL + OF_DRIFT + "[load.zone.rest]\nsnow = 0.0\n" + square("rest", -1, -1, 9, 1)
     text += '[[zone]]\nname = "drift"\n[[zone]]\nname = "edge"\n'
@@ -192,17 +192,63 @@ def test_shares_and_cuts_exclude_each_other(workshop):
 
 
 def test_subdivision_continues_the_zones(workshop):
-    """Positions count in a polygon, elements in groups, both ends of an element in a column."""
-    halves = "net.subdivide=2"
+    """Positions count in a polygon, the nearer end of the element in groups and a column.
+
+    A stage holds nodes in a zone, not those near it.
+    """
+    halves, thirds = "net.subdivide=2", "net.subdivide=3"
     _, net, zoned = zones(workshop, square("a", 0, 0, 1.5, 0.1), halves)
     assert places(net, zoned, "a") == {(0, 0), (0.5, 0), (1, 0), (1.5, 0)}
     _, net, zoned = zones(workshop, '[[zone]]\nname = "a"\ngroups = ["x"]\n', halves)
-    half = {(x / 2, float(y)) for x in range(2 * SIDE - 1) for y in range(SIDE)}
-    assert places(net, zoned, "a") == half
+    assert (zoned.share[:, 0] == 1.0).all()
+    assert nodes_named(net, zoned, "a").sum() == SIDE * (2 * SIDE - 1)
     column = lambda x, y: {0: "a", 1: "b"}.get(y, "") if x < 2 else ""
-    _, net, zoned = zones(workshop, "", halves, column=column)
-    assert places(net, zoned, "a") == {(0, 0), (0.5, 0), (1, 0)}
-    assert places(net, zoned, "b") == {(0, 1), (0.5, 1), (1, 1)}
+    for parts, near in ((halves, {0.0, 0.5}), (thirds, {0.0, 1 / 3})):
+        _, net, zoned = zones(workshop, "", parts, column=column)
+        shares = dict(zip(map(tuple, net.x[:, :2].round(2)), zoned.share[:, :2].tolist()))
+        assert shares[0.0, round(max(near), 2)] == ([0.5, 0.5] if parts == halves else [1.0, 0.0])
+        assert shares[1.0, 1.0] == [0.0, 1.0] and shares[1.0, 0.0] == [1.0, 0.0]
+        inner = 1 if parts == halves else 2
+        assert nodes_named(net, zoned, "a").sum() == 2 + inner
+
+
+ROWS = '[[zone]]\nname = "row"\n'
+BY_GROUP = '[[zone]]\nname = "row"\ngroups = ["row"]\n'
+ZONES_OF_ROWS = {  # entries, and the area [m2] of "row" and "rest", by hand
+    "column": (ROWS, 5.0, 0.0),
+    "groups": (BY_GROUP, 5.0, 0.0),
+    "before a polygon": (BY_GROUP + rectangle("rest", 0, 1.5, 5, 5), 5.0, 17.5),
+    "after a polygon": (rectangle("rest", 0, 1.5, 5, 5) + ROWS, 5.0, 17.5),
+    "after a polygon over it": (rectangle("rest", 0, 0, 5, 5) + ROWS, 5.0, 20.0),
+    "after an overlapping polygon": (rectangle("rest", 0, 0, 5, 1.5) + BY_GROUP, 5.0, 2.5),
+    "before an overlapping polygon": (BY_GROUP + rectangle("rest", 0, 0, 5, 1.5), 0.0, 7.5),
+}
+
+
+@pytest.mark.parametrize("parts", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("by", ZONES_OF_ROWS)
+@pytest.mark.parametrize("roof", ["", "[roof]\nnormal = [0, 0, 1]\n"])
+def test_subdivision_keeps_the_area_of_zones(workshop, by, parts, roof):
+    """The row of nodes at y = 1 has 5 m2 of the grid by hand, alone and with a cut polygon beside or over it.
+
+    With `[roof] normal`, a polygon takes its part of a face before a zone that has some corners of it.
+    """
+    entries, row, rest = ZONES_OF_ROWS[by]
+    if roof and "over" in by:
+        row, rest = 0.0, 25.0 if "over it" in by else 7.5
+    nodes, elements = grid((lambda x, y: "row" * (y == 1)) if BY_GROUP not in entries else lambda x, y: "")
+    lines = elements.splitlines()
+    at_row = {f"{node(x, 1)},{node(x + 1, 1)},x" for x in range(SIDE - 1)}
+    elements = "\n".join(line[:-1] + "row" if line in at_row else line for line in lines)
+    text = "[load]\nself_weight = false\nsteps = 1\ndead = 200.0\n[load.zone.row]\ndead = 900.0\n"
+    job = read_job(workshop.job(STEEL + text + entries + roof, nodes, elements), [f"net.subdivide={parts}"])
+    model = model_of(job)
+    zoned = model.roof.zones
+    areas = dict(zip(zoned.names, zoned.share.T @ model.roof.area))
+    assert zoned.share.sum(1) == pytest.approx(np.ones(model.net.n), abs=1e-14)
+    assert areas["row"] == pytest.approx(row, abs=1e-12)
+    assert areas.get("rest", 0.0) == pytest.approx(rest, abs=1e-12)
+    assert model.loading.carried.sum() * 9.81 == pytest.approx(200.0 * 25 + 700.0 * row, rel=1e-13)
 
 
 def test_values_of_zones_replace_those_of_the_section(workshop):

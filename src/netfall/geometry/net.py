@@ -380,7 +380,7 @@ def _subdivided_column(net: Net, column: Any, k: int, parts: int) -> np.ndarray 
             start, end = np.isfinite(values)[net.elements].T[:, :, None]
             side = np.sign(2 * np.arange(1, parts) - parts)
             inner = np.where((start | (side > 0)) & (end | (side < 0)), 0.0, np.nan).ravel()
-        if column.name == "zone":  # an inner node is in a zone if both ends are
+        if column.name == "zone":  # stages hold an inner node of a zone if both ends are in it
             start, end = values[net.elements].T
             inner = np.repeat(np.where(start == end, start, -1), parts - 1)
         if column.name == "zone_share":

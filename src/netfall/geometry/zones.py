@@ -9,7 +9,7 @@ import shapely
 
 from netfall.core.errors import raise_errors
 from netfall.geometry import messages
-from netfall.geometry.areas import RoofFaces, TributaryAreas
+from netfall.geometry.areas import RoofFaces, TributaryAreas, has_half_area
 from netfall.geometry.faces import Faces, corner_quadrilaterals
 from netfall.geometry.net import Net, elements_of_group, nearest_group
 from netfall.geometry.shares import MAX_FAN_CORNERS, FaceShares, nearest_areas, share_out_faces
@@ -31,12 +31,14 @@ class Zones:
     names : in order; a node in several whole zones belongs to the last of them
     share : (n, z + 1) of each node's area in each zone, then outside all zones
     corners : zones of the face corners at nodes, for a roof with `[roof] normal`; None: as nodes
+    nodes : (n,) bool for each zone, nodes that its name selects; of `subdivide` only those that are in it
     """
 
     names: list[str]
     share: np.ndarray
     notes: list[str] = field(default_factory=list)
     corners: "Zones | None" = None
+    nodes: list[np.ndarray] = field(default_factory=list)
 
     @property
     def of_parts(self) -> "Zones":
@@ -139,29 +141,49 @@ def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
         if name not in names
     ]
     raise_errors(f"{job.path}: {line}" for line in (*_wrong_entries(entries, net), *unknown))
-    inside = [_zone_nodes(zone, net) for zone in entries]
+    ends, members = nearer_ends(net)[:, : net.n], [_zone_nodes(zone, net) for zone in entries]
+    halves = [
+        np.broadcast_to(each, ends.shape) if zone.polygon is not None else each[ends]
+        for zone, each in zip(entries, members)
+    ]
     cutter = None
     if len(roofing.faces) and any(zone.polygon is not None for zone in entries):
         cutter = PolygonCutter(net, roofing.faces, roofing.given.shares)
-    zones = Zones(names, _shares(net, entries, inside, cutter))
+    zones = Zones(names, _shares(net, entries, halves, cutter))
     tables_give = np.isfinite(net.area).any() or np.isfinite(net.normal).any() or net.zone_share is not None
     if net.roof_axes is not None and names and len(roofing.faces) and not tables_give:
-        zones = _zones_of_corners(net, roofing, zones, inside, _regions(entries), cutter)
+        zones = _zones_of_corners(net, roofing, zones, halves, _regions(entries), cutter)
     notes = []
-    for name, members, share in zip(names, inside, zones.share.T):
-        if not (share.any() or members.any()):
+    for name, each, share in zip(names, members, zones.share.T):
+        if not (share.any() or each.any()):
             notes.append(messages.EMPTY_ZONE(name=format_value(name)))
     area = roofing.given.plan if net.roof_axes is None else roofing.given.surface
     keys: dict[str, set[str]] = {name: set() for name in names}
     for name, _, given in _zone_settings(job):
         keys[name] |= given
-    notes += _overlap_notes(entries, inside, zones.share, keys, area, cutter)
-    for zone, members in zip(entries, inside):
+    notes += _overlap_notes(entries, halves, zones.share, keys, area, cutter)
+    for zone, each in zip(entries, members):
         if cutter and zone.polygon is not None and not cuts_areas(zone):
-            notes += _mismatch_notes(zone, members, cutter.share_inside(shapely.Polygon(zone.polygon)), area)
+            notes += _mismatch_notes(zone, each, cutter.share_inside(shapely.Polygon(zone.polygon)), area)
         elif zone.cut and not cutter:
             notes.append(messages.CUT_WITHOUT_FACES(name=format_value(zone.name)))
-    return replace(zones, notes=notes)
+    nodes = [
+        (share > 0.0) & (each | (zone.polygon is not None))
+        for zone, each, share in zip(entries, members, zones.share.T)
+    ]
+    return replace(zones, notes=notes, nodes=nodes)
+
+
+def nearer_ends(net: Net) -> np.ndarray:
+    """Return the nearer end (h, k) of the table's element around each particle; other points are their own.
+
+    With an even number of parts (h = 2), the halves of a middle particle have different ends.
+    """
+    ends = np.tile(np.arange(net.n + len(net.corners)), (2 - net.parts % 2, 1))
+    start, end = net.undivided().T[:, :, None]
+    for half, of_half in enumerate(ends):
+        of_half[net.inner_particles()] = np.where(2 * np.arange(1, net.parts) > net.parts - half, end, start)
+    return ends
 
 
 def _overlap_notes(
@@ -174,8 +196,8 @@ def _overlap_notes(
 ) -> Iterator[str]:
     """Yield a warning of each zone that later zones overlap without some of its values.
 
-    inside : nodes (n,) bool of each zone; share : of `Zones`; keys : that the job gives for each zone
-    area : (n,) [m2] of each node
+    inside : halves (h, n) bool of nodes in each zone; share : of `Zones`; area : (n,) [m2] of each node
+    keys : that the job gives for each zone
     """
     for k, (zone, members) in enumerate(zip(entries, inside)):
         has_rest = share[:, k].any()  # a zone that gives all values of the other loses none of them
@@ -218,23 +240,25 @@ def _shares(
 ) -> np.ndarray:
     """Compute the share (n, z + 1) of each node's area in each zone, then in none.
 
-    inside : nodes (n,) bool of each zone
+    inside : halves (h, n) bool of nodes in each zone
 
     The remainder of a node with parts in zones belongs to the zone that contains the whole node, or to no
     zone.
     """
+    ends = nearer_ends(net)[:, : net.n]
     parts: dict[int, np.ndarray] = {}  # zones with parts of nodes: share (n,) of each node
     if net.zone_share is not None:
-        of_name = dict(zip(net.zone_names, net.zone_share.T))
+        of_name = dict(zip(net.zone_names, net.zone_share[ends.ravel()].T))
         parts = {k: of_name[zone.name] for k, zone in enumerate(entries) if zone.name in of_name}
     cut = [k for k, zone in enumerate(entries) if cuts_areas(zone) and cutter]
-    of_node = np.full(net.n, -1)
+    of_node = np.full(ends.size, -1)  # of halves, as the rows below
     for k, members in enumerate(inside):
         if k not in (*cut, *parts):
-            of_node[members] = k
+            of_node[members.ravel()] = k
     if cutter is not None and cut and not parts:
-        parts = {k: cutter.share_inside(region) for k, region in _regions(entries).items()}
-    part = np.column_stack([np.zeros((net.n, 0)), *(np.where(of_node > k, 0.0, parts[k]) for k in parts)])
+        in_halves = cutter.parts_of_halves(_regions(entries), cutter.share_inside, np.arange(net.n))
+        parts = {k: share.ravel() for k, share in in_halves.items()}
+    part = np.column_stack([np.zeros((ends.size, 0)), *(np.where(of_node > k, 0.0, parts[k]) for k in parts)])
     whole_zone = of_node.copy()
     for k, share in zip(parts, part.T):
         whole_zone[share == 1.0] = k
@@ -243,7 +267,9 @@ def _shares(
     shares[np.ix_(mixed, np.array(list(parts), int))] = part[mixed]
     remainder = 1.0 - shares[mixed].sum(1)
     shares[mixed, of_node[mixed]] += np.where(remainder > SHARE_ROUNDING, remainder, 0.0)
-    return shares
+    shares, middle = shares.reshape(*ends.shape, -1), np.flatnonzero(has_half_area(net))
+    shares[:, middle] = shares[np.isfinite(net.area[ends[0, middle]]).astype(int), middle]  # only this half
+    return np.asarray(shares.mean(0))
 
 
 def _regions(entries: list[Any]) -> dict[int, Any]:
@@ -264,22 +290,26 @@ def _zones_of_corners(
     """Return zones including the zones of the corners of faces, with their shares at the nodes.
 
     A corner is in the last zone that has all corners of its face, otherwise in the last zone that has its
-    node.
+    node. inside : halves (h, n) bool of nodes in each zone
     """
     shares, rings = roofing.given.shares, roofing.faces.rings
-    share, rest = np.zeros((len(shares.node), len(inside) + 1)), np.ones(len(shares.node))
-    members = [np.append(each, np.ones(len(net.corners), bool)) for each in inside]
+    points = np.ones((2 - net.parts % 2, len(net.corners)), bool)
+    members = [np.column_stack([each, points]) for each in inside]
+    cut = cutter.parts_of_halves(regions, cutter.corner_shares, shares.node) if cutter else {}
+    rest = np.ones((len(points), len(shares.node)))
+    share = np.zeros((*rest.shape, len(inside) + 1))
     for of_whole_face in (True, False):
         for k in range(len(inside))[::-1]:
-            if k in regions and cutter:
-                part = cutter.corner_shares(regions[k]) * of_whole_face
+            if k in cut:
+                part = cut[k] * of_whole_face
             else:
-                outside = np.bincount(rings.face_of_corner(), ~members[k][rings.corner], rings.count)
-                part = members[k][shares.node] & ((outside[shares.face] == 0) | (not of_whole_face))
+                outside = np.bincount(rings.face_of_corner(), ~members[k].all(0)[rings.corner], rings.count)
+                part = members[k][:, shares.node] & ((outside[shares.face] == 0) | (not of_whole_face))
             part = np.minimum(part, rest)
-            share[:, k] += part
+            share[..., k] += part
             rest -= part
-    share[:, -1] = rest
+    share[..., -1] = rest
+    share = share.mean(0)
     sums = shares.at_nodes(shares.surface_areas()[:, None] * share, net.n)
     total = roofing.given.surface[:, None]
     of_nodes = np.where(total > 0, sums / np.where(total > 0, total, 1.0), zones.share)
@@ -364,7 +394,7 @@ def nodes_named(net: Net, zones: Zones, name: str) -> np.ndarray:
     rows, unknown = elements_of_group(net, name)
     selected[net.elements[rows]] = True
     if unknown and name in zones.names:
-        selected |= zones.share[:, zones.names.index(name)] > 0.0
+        selected |= zones.nodes[zones.names.index(name)]
     return selected
 
 
@@ -389,6 +419,26 @@ class PolygonCutter:
         first = rings.start[rings.first_rings()]
         low, high = (f.reduceat(xy[rings.corner], first) for f in (np.minimum, np.maximum))
         self.boxes = shapely.STRtree(shapely.box(*low.T, *high.T))  # around each face in plan
+
+    def parts_of_halves(self, regions: dict[int, Any], cut: Any, node: np.ndarray) -> dict[int, np.ndarray]:
+        """Return the shares (h, c) of halves of nodes or corners in regions that do not overlap, by region.
+
+        A region that contains one of two ends fills the half of this end first.
+        cut : function that returns the shares (c,) in a region; node : (c,) of each share
+        """
+        ends, position = nearer_ends(self.net)[:, node], shapely.points(self.points[:, :2])
+        parts, rest = {}, np.ones(ends.shape)
+        for k, region in regions.items():
+            share = cut(region)
+            parts[k] = share[None]
+            if len(ends) == 2:
+                inside = shapely.dwithin(region, position, self.net.tolerance)[ends]
+                evenly = 2.0 * share * rest / np.maximum(rest.sum(0), NO_AREA)
+                first = np.minimum(2.0 * share, rest)
+                filled = np.where(inside, first, 2.0 * share - first[::-1])
+                parts[k] = np.where(inside[0] == inside[1], evenly, filled)
+                rest = np.maximum(rest - parts[k], 0.0)
+        return parts
 
     def share_inside(self, region: Any) -> np.ndarray:
         """Return the share (n,) of each node's area in plan inside a polygon, or several.

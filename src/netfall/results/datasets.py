@@ -244,7 +244,7 @@ group_names | k | | names of the groups
 tributary_area | n | m2 | surface area, on which dead load acts
 plan_area | n | m2 | area in plan, on which snow acts
 vector_area | n, 3 | m2 | area vector, upward, on which pressures along the normal, wind and taps act
-zone_share | n, k | | share of each node's area in each zone, if a zone is cut
+zone_share | n, k | | share of each node's area in each zone, if a node is in several
 zone | n | | row of `zone_names` with the largest share of the area; -1: none
 zone_names | k | | names of the zones
 cable | m | | row of `cable_names`
