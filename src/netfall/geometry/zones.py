@@ -303,7 +303,8 @@ def _zones_of_corners(
             if k in cut:
                 part = cut[k] * of_whole_face
             else:
-                outside = np.bincount(rings.face_of_corner(), ~members[k].all(0)[rings.corner], rings.count)
+                whole = np.asarray(members[k].all(0))[rings.corner]
+                outside = np.bincount(rings.face_of_corner(), ~whole, rings.count)
                 part = members[k][:, shares.node] & ((outside[shares.face] == 0) | (not of_whole_face))
             part = np.minimum(part, rest)
             share[..., k] += part
