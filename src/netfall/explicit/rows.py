@@ -34,7 +34,7 @@ class DynamicEnvelope:
     reaction : (13, h) [N] highest components, lowest components, largest magnitude and its time [s], highest
         and lowest force of the only element so far, unit vector along it
     supports : (h,) rows of the particles with a support, rigid, elastic or guided
-    anchored : (2, h) their only elements, as in `explicit.sampling.Rows`
+    anchored : (2, h) their only elements if forces of each step are recorded, as in `explicit.sampling.Rows`
     moment : (m,) [N m] the largest bending moment, nan: no bending; None: no bending chains
     """
 
@@ -50,7 +50,8 @@ class DynamicEnvelope:
         single = np.bincount(ends.ravel(), minlength=state.n_local)[self.supports] == 1
         if state.joints is not None:  # the shear of bending chains adds to the axial force
             single &= ~np.isin(self.supports, state.joints.particles)
-        only = np.where(single, elements[self.supports], -1)
+        # forces of steps between two updates matter, with their directions, only if they are recorded
+        only = np.where(single & (state.highest is not None), elements[self.supports], -1)
         self.anchored = np.stack([only, ends[only].sum(1) - self.supports])
         self.reaction = np.full((13, len(self.supports)), -np.inf)
         self.reaction[3:6] = self.reaction[9] = np.inf

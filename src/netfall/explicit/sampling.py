@@ -71,7 +71,8 @@ class Rows(Record):
     element_gid : (m,); joint_at : (m, 2) joints at both ends of elements, as in `State`
     tension : (4, m), displacement : (2, n_owned), moment : (m,), reaction : (13, h), as in `explicit.rows`
     supports : (h,) rows of the particles with a support
-    anchored : (2, h) the only element at each of them, -1: several or none, and the row of its far end
+    anchored : (2, h) the only element at each of them, and the row of its far end; -1: several, or none, or
+        forces of each step are not recorded
     update_moments : address of this routine; 0 without moments
     """
 

@@ -99,13 +99,12 @@ def wind_lines(job: Job, model: Model) -> list[str]:
         of_record = wind_section(job, model, *history.until(duration))["gust_factor"]
         section = wind_section(job, model, *GrowingGusts(history, gust_ramp(job)).until(duration))
         mean, factor = section["mean_speed"], section["gust_factor"]
-        ramped = f", without the ramp {of_record.min():.3g} to {of_record.max():.3g}"
+        is_ramped = not np.array_equal(factor, of_record, equal_nan=True)
+        without = f", without the ramp {of_record.min():.3g} to {of_record.max():.3g}" if is_ramped else ""
         where = "one speed at 10 m" if history.places is None else count_of(len(mean), "point")
         return [
             f"wind: {wind.file}, {where}, {direction}: means of {mean.min():.4g} to {mean.max():.4g} m/s "
-            f"over the duration, gust factors of {factor.min():.3g} to {factor.max():.3g}"
-            + ramped
-            * (not np.array_equal(factor, of_record, equal_nan=True))
+            f"over the duration, gust factors of {factor.min():.3g} to {factor.max():.3g}{without}"
         ]
     gusts = _generated_gusts(job, model)
     return _gust_lines(gusts) if gusts else [f"wind: steady, {wind.speed:g} m/s at 10 m, {direction}"]
