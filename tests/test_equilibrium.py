@@ -15,7 +15,7 @@ from conftest import ROOT, StopAfter
 from nets import bare_saddle, elastic, equilibrium, problem_of, saddle
 from random_nets import star, table
 
-from netfall.core.timings import NEVER_STOP
+from netfall.core.timings import NEVER_STOP, StopRequested
 from netfall.driver import check
 from netfall.driver.check import check_job
 from netfall.driver.erection.settings import jack_of
@@ -27,7 +27,6 @@ from netfall.physics.state import restore_saved, save_state
 from netfall.statics import interior_point, newton, solver
 from netfall.statics.bounds import NEGLIGIBLE
 from netfall.statics.newton import NoConvergence
-from netfall.statics.relaxation import Paused
 
 SADDLE = saddle("{cable}\n", "{cells}", 1, 1800e3, side=73.2, rise=3.66, section=(1.95e11, 3600e-6, 7900.0))
 SADDLE += "[load]\nself_weight = true\npressure = {pressure}\nsteps = 2\n"
@@ -118,10 +117,10 @@ class Statics:
         self.job, self.seen = read_job(job), []
         self.scene = problem_of(self.job)
 
-    def find(self, stop=NEVER_STOP, path=None, resume=None):
-        """Find all equilibria; return the positions of the last one. Raises Paused."""
+    def find(self, stop=NEVER_STOP, path=None):
+        """Find all equilibria; return the positions of the last one. Raises StopRequested."""
         self.path = path or statics.StaticPath()
-        statics.find_equilibria(self.scene, Mock(stop=stop), self.path, resume, self.seen)
+        statics.find_equilibria(self.scene, Mock(stop=stop), self.path, self.seen)
         return self.scene.state.x.copy()
 
     def off(self, yield_force=np.inf) -> tuple[float, float]:
@@ -340,18 +339,6 @@ def test_a_stage_without_changes_does_not_move_a_net_in_national_coordinates(wor
     assert np.abs(f["stages/idle/displacement"][:]).max() < 1e-8
 
 
-def test_a_pause_while_an_error_is_estimated_changes_no_bit(monkeypatch):
-    """The run is stopped in the last relaxation and resumed."""
-    looks, (state, find) = StopAfter(10**9), hung_wheel(monkeypatch)
-    whole = find(1e-6, looks)
-    x = state.x.copy()
-    state, find = hung_wheel(monkeypatch)
-    with pytest.raises(Paused) as pause:
-        find(1e-6, StopAfter(10**9 - looks.left - 2))
-    again = find(1e-6, NEVER_STOP, pause.value.at)
-    assert again == whole and np.array_equal(state.x, x)
-
-
 @pytest.mark.parametrize("corrections", [2, 5, 8])
 def test_a_run_can_be_interrupted_in_its_equilibria(workshop, corrections):
     """The run stops between two corrections in one of three load steps. The resumed run has the same bits."""
@@ -359,8 +346,8 @@ def test_a_run_can_be_interrupted_in_its_equilibria(workshop, corrections):
     job = workshop.job(text.replace("steps = 2", "steps = 3"))
     x = Statics(job).find()
     stopped = Statics(job)
-    with pytest.raises(Paused) as pause:
+    with pytest.raises(StopRequested):
         stopped.find(StopAfter(corrections))
     again = Statics(job)
     restore_saved(again.scene.state, save_state(stopped.scene.state))
-    assert np.array_equal(again.find(NEVER_STOP, stopped.path, pause.value.at), x)
+    assert np.array_equal(again.find(NEVER_STOP, stopped.path), x)

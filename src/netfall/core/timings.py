@@ -37,6 +37,10 @@ class StopFlag:
 NEVER_STOP = StopFlag(signals=())
 
 
+class StopRequested(Exception):
+    """Stop of the search for an equilibrium or a form because the flag is set, on every rank."""
+
+
 STEP_PHASES = tuple(f"dynamics: {part}" for part in ("forces", "exchange", "positions", "rows"))
 
 

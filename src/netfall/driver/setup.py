@@ -71,14 +71,14 @@ def prepare_problem(
     net = layout and layout.net
     digest = comm.bcast(layout_digest(job, net) if layout else None)
     checkpoint = on_root(comm, lambda: Checkpoint(restart, digest)) if restart else None
-    save = partial(write_before_stages, comm, job, result, digest, restart) if result else None
+    save = partial(write_before_stages, comm, job, result or Path(), digest, restart)
     has_form = comm.bcast(checkpoint and INITIAL in checkpoint.record["parts"])  # form finding was complete
     with phases.phase("form finding"):
         if has_form:
             form, x, N = restored_form(comm, job, checkpoint)
         elif job.form_finding is not None:
             key = comm.bcast(cache_key(job, without=WIND_SPEED_KEYS) if layout else None)
-            find = partial(find_initial_form, job, layout, distribution, halo, report, save, checkpoint, stop)
+            find = partial(find_initial_form, job, layout, distribution, halo, report, save, stop)
             form, x, N = cache.get_or_compute("form", key, find)
         else:
             form, x, N = None, layout and net.x, None

@@ -34,7 +34,7 @@ from netfall.results import messages
 from netfall.results.h5 import SharedFile, find_segments, is_intact
 from netfall.results.writer import Result
 
-FORMAT = 17  # version of the layout and the meaning of a checkpoint
+FORMAT = 18  # version of the layout and the meaning of a checkpoint
 LOG, RESULT = "log", "result"  # names of records: the log of fractures, the segments of the result file
 KEPT_CHECKPOINTS = 2  # number of checkpoints that a run keeps
 NAME = re.compile(r"(.+)checkpoint-\d-\d{12,}\.h5")

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.functions import lengths, log
-from netfall.core.timings import StopFlag
+from netfall.core.timings import StopFlag, StopRequested
 from netfall.parallel.mpi import MPI
 from netfall.parallel.sums import exact_sums
 from netfall.physics.state import State
@@ -35,7 +35,6 @@ from netfall.statics.newton import (
     Newton,
     NoConvergence,
     StartPoint,
-    StopRequested,
 )
 from netfall.statics.relaxation import UnboundedDisplacement
 

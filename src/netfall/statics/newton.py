@@ -13,7 +13,7 @@ import numpy as np
 
 from netfall.core.arrays import FloatArray
 from netfall.core.functions import lengths
-from netfall.core.timings import NEVER_STOP, StopFlag
+from netfall.core.timings import NEVER_STOP, StopFlag, StopRequested
 from netfall.parallel.agree import largest_of_ranks
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
@@ -74,10 +74,6 @@ class StartPoint(NamedTuple):
 
     gradients: int = 0
     size: float = np.inf
-
-
-class StopRequested(Exception):
-    """Request to stop, raised inside Newton's method."""
 
 
 class NoConvergence(Exception):

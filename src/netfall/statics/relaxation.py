@@ -8,17 +8,15 @@ forces.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from netfall.core.arrays import FloatArray, IntArray
 from netfall.core.errors import DivergedError
-from netfall.core.timings import NEVER_STOP, StopFlag
+from netfall.core.timings import NEVER_STOP, StopFlag, StopRequested
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
-from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import exact_sums
 from netfall.physics.bending import add_bending_forces, add_joint_bounds
 from netfall.physics.elements import add_element_forces, geometric_stiffness, nodal_stiffness
@@ -38,43 +36,8 @@ MASS_MARGIN = 1.2  # factor on the virtual mass [-]: the stiffness grows a littl
 CHECK_EVERY = 10  # iterations between checks of the residual, which need a reduction
 
 
-@dataclass
-class Relaxation:
-    """State of a relaxation before an iteration: arrays (n, 3) of owned and halo particles.
-
-    stage : index of the residual, if an equilibrium is relaxed to several in turn
-    total : iterations before this stage
-    start : positions from which the equilibrium is sought, None: x
-    """
-
-    iteration: int
-    previous: float
-    rested: bool
-    x: np.ndarray
-    v: np.ndarray
-    mass: np.ndarray
-    stage: int = 0
-    total: int = 0
-    start: np.ndarray | None = None
-
-
 class UnboundedDisplacement(DivergedError):
     """Unbounded displacements of yielding elements."""
-
-
-class Paused(Exception):
-    """Pause of a relaxation on request, at the same iteration on every rank.
-
-    at : where it resumes; its arrays are copies
-    """
-
-    def __init__(self, at: Relaxation):
-        self.at = at
-
-
-def initial_relaxation(x: np.ndarray) -> Relaxation:
-    """Return the state of a relaxation before its first iteration."""
-    return Relaxation(0, 0.0, True, x, np.zeros_like(x), np.ones_like(x))
 
 
 class StaticNet(NamedTuple):
@@ -110,23 +73,19 @@ def relax(
     name: str,
     report: Callable[[int, float], None] = lambda iteration, residual: None,
     stop: StopFlag = NEVER_STOP,
-    resume: Relaxation | None = None,
 ) -> tuple[int, float]:
     """Move net.x to equilibrium; return the iterations and the largest residual [N]. Collective.
 
-    tolerance : [N] of the largest residual; stop : stop flag; resume : where an earlier relaxation was paused
+    tolerance : [N] of the largest residual; stop : stop flag
 
     Raises DivergedError if the iterations run out or the residual is not finite, UnboundedDisplacement,
-    Paused if the stop flag is set.
+    StopRequested if the stop flag is set.
     """
     comm, x, free, n_owned, moves = halo.comm, net.x, net.free, halo.n_owned, net.free != 0
     f, v = np.zeros_like(x), np.zeros_like(x)
     mass = np.ones_like(x)  # three equal columns, so that the halo exchange is that of a force
-    previous, rested, first = 0.0, True, 0
-    if resume:
-        previous, rested, first = resume.previous, resume.rested, resume.iteration
-        x[:], v[:], mass[:] = resume.x, resume.v, resume.mass
-    for iteration in range(first, max_iterations + 1):
+    previous, rested = 0.0, True
+    for iteration in range(max_iterations + 1):
         net.forces(x, f)
         if iteration % CHECK_EVERY == 0 or rested:
             checked = np.array([largest_residual(f, free, n_owned), stop.is_set])
@@ -138,7 +97,7 @@ def relax(
                 raise DivergedError(messages.RESIDUAL_NOT_FINITE(name=name, iterations=iteration))
             report(iteration, residual)
             if stopping:
-                raise Paused(Relaxation(iteration, previous, rested, x.copy(order="K"), v, mass))
+                raise StopRequested
         if (
             net.is_unbounded is not None
             and iteration % (10 * CHECK_EVERY) == 0
@@ -244,31 +203,3 @@ def state_residual(comm: MPI.Comm, state: State, load: np.ndarray) -> float:
     f = np.zeros_like(state.x)
     static_net(state, load).forces(state.x, f)
     return comm.allreduce(largest_residual(f, state.free, state.n_owned), MPI.MAX)
-
-
-RELAXATION = "relaxation"  # key in checkpoints
-RELAXATION_ARRAYS = ("x", "v", "mass", "start")  # arrays of a relaxation in checkpoints
-
-
-def relaxation_record(
-    distribution: Distribution, at: Relaxation
-) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Convert a relaxation to small values and, on rank 0, global arrays, for `restored_relaxation`.
-
-    Collective.
-    """
-    values = vars(at) | {"start": at.x if at.start is None else at.start}
-    arrays: dict[str, Any] = {
-        name: distribution.gather_particles(values.pop(name)) for name in RELAXATION_ARRAYS
-    }
-    return values, arrays if distribution.comm.rank == 0 else {}
-
-
-def restored_relaxation(
-    distribution: Distribution, small: dict[str, Any], arrays: dict[str, Any] | None
-) -> Relaxation:
-    """Restore the relaxation of a record; arrays : on rank 0. Collective."""
-    own: dict[str, Any] = {
-        name: distribution.particles(None if arrays is None else arrays[name]) for name in RELAXATION_ARRAYS
-    }
-    return Relaxation(**small, **own)

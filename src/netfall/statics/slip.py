@@ -24,12 +24,11 @@ from netfall.core.arrays import rows_of
 from netfall.core.errors import DivergedError
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
-from netfall.physics.slip.law import MIN_SEGMENT_SHARE, update_slipped_lengths
+from netfall.physics.slip.law import MIN_SEGMENT_SHARE
 from netfall.physics.state import State
 from netfall.statics import free_segments, messages
 from netfall.statics.bounds import MOST_STEPS, SETTLED_CHANGE
 from netfall.statics.newton import Solution
-from netfall.statics.relaxation import Paused, initial_relaxation
 
 
 class SlipTangent(NamedTuple):
@@ -285,29 +284,23 @@ def find_with_slip(finder: Any, find: Callable[[], Solution], tolerance: float, 
 
     Collective. find() : calls `EquilibriumFinder.find` for the load; tolerance, name : as given to that
 
-    Raises as `find` does, and DivergedError if friction does not converge. If a stop is requested, the search
-    starts again from its first positions.
+    Raises as `find` does, and DivergedError if friction does not converge.
     """
     slips, state = finder.slips, finder.state
-    start, slip = state.x.copy(order="K"), state.slip.copy(order="K")
+    start = state.x.copy(order="K")
     slips.begin()
     if slips.chains.friction.any() or slips.limit.any():
         slips.all_stick = True  # the equilibrium in which everything sticks is a better start
         try:
             find()
-        except (DivergedError, Paused):
+        except DivergedError:
             state.x[:] = start
         slips.all_stick = False
         if not slips.limit.any():  # a straight cable has no friction before a load bends it
             slips.update_resistances()
     rises, last_change, largest = 0, np.inf, 0.0
     for _ in range(MOST_STEPS):
-        try:
-            solution = find()
-        except Paused:
-            state.x[:], state.slip[:] = start, slip
-            update_slipped_lengths(state.particles.slip, state.elements)
-            raise Paused(initial_relaxation(start)) from None
+        solution = find()
         slips.follow()
         if not slips.residual <= SETTLED_CHANGE * tolerance:
             raise DivergedError(messages.SLIPS_NOT_CONVERGED(name=name))

@@ -14,7 +14,7 @@ repeatedly, until the state no longer changes.
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache, partial
 from typing import Any, NamedTuple
 
@@ -42,9 +42,8 @@ from netfall.statics.newton import (
     NoConvergence,
     Solution,
     StartPoint,
-    StopRequested,
 )
-from netfall.statics.relaxation import Paused, Relaxation, initial_relaxation, relax, static_net
+from netfall.statics.relaxation import relax, static_net
 from netfall.statics.slip import Slips
 
 # residuals over the largest force [-], after which Newton's method is tried
@@ -107,31 +106,22 @@ class EquilibriumFinder:
         load: np.ndarray,
         criterion: Criterion,
         stop: StopFlag = NEVER_STOP,
-        resume: Relaxation | None = None,
         check_limit: Callable[[], None] | None = None,
     ) -> Solution:
         """Bring the state to equilibrium under a load (n, 3) [N] of owned and halo particles. Collective.
 
-        stop, resume : see `relax`; check_limit : see `InteriorPoint`
+        stop : stop flag; check_limit : see `InteriorPoint`
 
-        Raises DivergedError if no equilibrium is found, UnboundedDisplacement if there is none, Paused if
-        the stop flag is set.
+        Raises DivergedError if no equilibrium is found, UnboundedDisplacement if there is none, StopRequested
+        if the stop flag is set.
         """
         newton, x = self.newton(load), self.state.x
         start = x.copy(order="K")
-        if resume is not None and (resume.iteration or resume.stage or resume.total):  # it has begun
-            assert resume.start is not None
-            start = resume.start
-        else:
-            resume = None
-            try:
-                return self._find_directly(newton, criterion.tolerance, stop, check_limit)
-            except StopRequested:
-                x[:] = start
-                raise Paused(initial_relaxation(start)) from None
-            except NoConvergence:
-                x[:] = start
-        return self._relax(newton, criterion, stop, start, resume)
+        try:
+            return self._find_directly(newton, criterion.tolerance, stop, check_limit)
+        except NoConvergence:
+            x[:] = start
+        return self._relax(newton, criterion, stop, start)
 
     def _allows_interior_point(self) -> bool:
         """Return whether the interior point method applies, which takes tensions as unknowns. Collective.
@@ -182,32 +172,26 @@ class EquilibriumFinder:
         criterion: Criterion,
         stop: StopFlag,
         start: np.ndarray,
-        resume: Relaxation | None,
     ) -> Solution:
         """Relax the state to equilibrium. Collective.
 
         start : positions (n, 3) [m] from which the equilibrium is sought; the others are those of `find`
 
-        Raises DivergedError if the iterations run out, UnboundedDisplacement, Paused.
+        Raises DivergedError if the iterations run out, UnboundedDisplacement, StopRequested.
         """
         state, (tolerance, reference, most, name) = self.state, criterion
         final_residual = tolerance * reference
         residuals = [share * reference for share in STAGE_RESIDUALS if share > tolerance]
         residuals += [final_residual / 10.0**k for k in range(MAX_DECADES)]
-        first, total = (resume.stage, resume.total) if resume else (0, 0)
-        positions, tensions, solution, resume_point = start, None, None, None
-        for stage, goal in enumerate(residuals[first:], first):
+        total, positions, tensions, solution = 0, start, None, None
+        for goal in residuals:
 
             def report(_: int, residual: float, goal: float = goal) -> None:
                 self.report(f"{name}: relaxing, residual {kN(residual)} of {kN(goal)}")
 
             allowed = min(most, EXTRA_ITERATIONS + total) if solution else most
             try:
-                iterations, residual = relax(self.halo, newton.net, goal, allowed, name, report, stop, resume)
-            except Paused as pause:
-                # The run resumed at `resume_point` takes the same path.
-                at = resume_point or replace(pause.at, stage=stage, total=total)
-                raise Paused(replace(at, start=start)) from None
+                iterations, residual = relax(self.halo, newton.net, goal, allowed, name, report, stop)
             except DivergedError:
                 if solution is None:
                     raise
@@ -215,7 +199,7 @@ class EquilibriumFinder:
                 break
             if solution and not iterations:  # the state has not changed
                 continue
-            before, positions, total, resume = positions, state.x.copy(order="K"), total + iterations, None
+            before, positions, total = positions, state.x.copy(order="K"), total + iterations
             try:
                 return newton.find(tolerance, state.x_start, NEVER_STOP, StartPoint(total))
             except NoConvergence:
@@ -235,9 +219,6 @@ class EquilibriumFinder:
                 tensions = N
                 if solution.error <= tolerance:
                     break
-                resume_point = resume_point or replace(
-                    initial_relaxation(positions), stage=stage, total=total
-                )
         assert solution is not None  # the last stage sets it
         error = solution.error
         allowed_error = NEAR_TOLERANCE * max(tolerance, newton.rounding(newton.tangent()))

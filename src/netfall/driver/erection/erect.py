@@ -94,8 +94,8 @@ def erect(problem: Problem, erection: Erection, stop: StopFlag) -> None:
 
     problem : in its initial state, without limits and schedule; afterwards in the last equilibrium.
 
-    A stage without an equilibrium is the last one. Raises Paused if the stop flag is set: `erection` then has
-    the earlier stages.
+    A stage without an equilibrium is the last one. Raises StopRequested if the stop flag is set: `erection`
+    then has the earlier stages.
     """
     model = problem.model
     set_up_slip(problem)

@@ -10,7 +10,7 @@ import numpy as np
 from netfall.core.errors import DivergedError, NoEquilibriumError, UndecidedError, interruption_error
 from netfall.core.functions import lengths
 from netfall.core.messages import without_code
-from netfall.core.timings import NEVER_STOP, StopFlag
+from netfall.core.timings import NEVER_STOP, StopFlag, StopRequested
 from netfall.driver import messages
 from netfall.driver.erection.erect import Erection, erect, restored_erection
 from netfall.driver.erection.settings import check_stages
@@ -36,7 +36,7 @@ from netfall.results.datasets import UNDECIDED
 from netfall.results.states import LIMIT_POINT
 from netfall.statics.form.find import Form
 from netfall.statics.form.initial import INITIAL, initial_record
-from netfall.statics.relaxation import Paused, largest_force, state_residual
+from netfall.statics.relaxation import largest_force, state_residual
 from netfall.statics.solver import EquilibriumFinder
 
 TARGETS, DEVIATION, ERECTION = "targets", "errors of length", "erection"  # names in checkpoints
@@ -47,7 +47,7 @@ ERECTION_STEP_OFFSET = 1_000_000
 
 def solve_initial_state(
     problem: Problem,
-    save: Callable[[int, dict[str, Any]], Path] | None,
+    save: Callable[[int, dict[str, Any]], Path],
     checkpoint: Checkpoint | None,
     stop: StopFlag,
     cache: ResultCache,
@@ -78,9 +78,7 @@ def solve_initial_state(
         erection = restored_erection(problem, comm.bcast(record[0]), record[1])
     try:
         erect(problem, erection, stop)
-    except Paused:
-        if save is None:
-            raise
+    except StopRequested:
         initial = initial_record(problem.form, problem.build_up.base)
         records = {**problem.build_up.records, INITIAL: initial, ERECTION: erection.record()}
         path = save(ERECTION_STEP_OFFSET + erection.done, records)

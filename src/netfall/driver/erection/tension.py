@@ -95,7 +95,7 @@ def tension_to_targets(
 
     targets, jacks, L0 (m,) [m], cold : on rank 0; warm(L0) : returns the lengths of the state, None: L0
 
-    If the targets are not reached, the state is the last equilibrium. Raises Paused if the stop flag is set.
+    If the targets are not reached, the state is the last equilibrium. Raises StopRequested.
     """
     comm, best, step = problem.comm, np.inf, np.zeros(0)
     last_state: tuple[dict[str, np.ndarray], np.ndarray | None] | None = None

@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from netfall.core.arrays import rows_of
-from netfall.core.timings import StopFlag
+from netfall.core.timings import StopFlag, StopRequested
 from netfall.driver import messages
 from netfall.driver.problem import Outcome, Problem, RunContext
-from netfall.driver.statics.equilibrium import paused, reference_force, resumed_relaxation, solve_equilibrium
+from netfall.driver.statics.equilibrium import interrupted, reference_force, solve_equilibrium
 from netfall.driver.statics.outcome import failure_text, limit_warning, unstable_warning
 from netfall.driver.statics.stage import most_displaced_particle
 from netfall.job.derived import permanent_weight_factor
@@ -23,7 +23,6 @@ from netfall.physics.state import State, restore_saved, save_state
 from netfall.results import warning_text
 from netfall.results.datasets import BEYOND_LIMIT_POINT, EQUILIBRIUM, NO_EQUILIBRIUM, UNSTABLE
 from netfall.statics.newton import STABLE
-from netfall.statics.relaxation import Paused, Relaxation
 
 PARTICLE_FIELDS = {each.name for each in FIELDS if each.entity == "particle"}  # the others belong to elements
 MAX_REMOVAL_ITERATIONS = 100_000  # after which the damaged net counts as having no equilibrium
@@ -123,10 +122,9 @@ def find_removal_equilibria(
 
     N = state.present_element_state().N
     search = RemovalEquilibria(start, tension=[problem.gather_elements(_forces_and_moments(state, N))])
-    resume, record = None, context.saver.resumed_record(NAME)
+    record = context.saver.resumed_record(NAME)
     if record is not None:  # an earlier run was interrupted in this stage
         search.restore(problem, *record)
-        resume = resumed_relaxation(distribution, context.saver)
     removed_rows = np.zeros(0, np.int64)  # of the elements removed so far
     for k, (removed, is_loose) in enumerate(zip(removals, unsupported)):
         rows = rows_of(distribution.subdomain.element_gid, removed.elements)
@@ -143,15 +141,14 @@ def find_removal_equilibria(
             try:
                 with problem.finder.without_elements(removed_rows):
                     tension, outcome, lines, iterations = _removal_equilibrium(
-                        problem, load_case, reference, context.stop, resume
+                        problem, load_case, reference, context.stop
                     )
-            except Paused as pause:
+            except StopRequested:
                 restore_saved(state, start)
                 records = {NAME: search.record(problem)}
-                raise paused(problem, context, NAME, title, search.total, pause, records) from None
+                raise interrupted(problem, context, NAME, title, search.total, records) from None
             search.total += iterations
             search.best = save_state(state) if outcome.state == EQUILIBRIUM else search.best
-        resume = None
         context.progress.say(*lines)
         search.outcomes.append(outcome)
         search.tension.append(problem.gather_elements(tension))
@@ -167,14 +164,14 @@ def find_removal_equilibria(
 
 
 def _removal_equilibrium(
-    problem: Problem, load_case: StaticLoad, reference: float, stop: StopFlag, resume: Relaxation | None
+    problem: Problem, load_case: StaticLoad, reference: float, stop: StopFlag
 ) -> tuple[np.ndarray, RemovalOutcome, list[str], int]:
     """Find the equilibrium after a member removal. Collective.
 
     Returns forces and moments (m, 2) of this rank's elements, as of `RemovalEquilibria`, the outcome, lines
     (all on rank 0), and iterations.
     """
-    outcome = solve_equilibrium(problem, load_case, reference, stop, resume, MAX_REMOVAL_ITERATIONS)
+    outcome = solve_equilibrium(problem, load_case, reference, stop, MAX_REMOVAL_ITERATIONS)
     what, equilibrium, unknown = load_case.title, outcome.equilibrium, np.full((problem.state.m, 2), np.nan)
     if not outcome.carries:
         without = messages.REMOVAL_WITHOUT_EQUILIBRIUM

@@ -7,7 +7,7 @@ import numpy as np
 
 from netfall.core.errors import DivergedError, Interrupted, interruption_error
 from netfall.core.messages import without_code
-from netfall.core.timings import StopFlag
+from netfall.core.timings import StopFlag, StopRequested
 from netfall.driver.problem import Problem, RunContext
 from netfall.driver.statics.outcome import (
     MAX_LISTED_ELEMENTS,
@@ -20,15 +20,14 @@ from netfall.explicit.energy import Snapshot
 from netfall.job.derived import breaks_equilibrium, load_settings
 from netfall.model.actions import StaticLoad
 from netfall.parallel.agree import union_of_ranks
-from netfall.parallel.subdomain import Distribution
 from netfall.physics.state import restore_saved, save_state
-from netfall.results.checkpoint import CheckpointWriter, Record
+from netfall.results.checkpoint import Record
 from netfall.results.datasets import EQUILIBRIUM, NO_EQUILIBRIUM, UNDECIDED, UNSTABLE
 from netfall.results.warning_text import INSTABILITY_TEXT
 from netfall.statics import limit_load, relaxation, work_control
 from netfall.statics.limit_load import NO_UTILISATION, LimitUtilisation, Trial
 from netfall.statics.limit_point import LimitPoint, LoadPath, has_compression, load_on_path
-from netfall.statics.newton import Newton, NoConvergence, Solution, StopRequested
+from netfall.statics.newton import Newton, NoConvergence, Solution
 from netfall.statics.slip import Slips, find_with_slip
 from netfall.statics.solver import Criterion
 
@@ -44,28 +43,19 @@ ALWAYS_FOLLOWED = (*LIMIT_LOAD_KINDS, "stage")
 SEPARATE = ("case", "combination")
 
 
-def resumed_relaxation(distribution: Distribution, saver: CheckpointWriter) -> relaxation.Relaxation | None:
-    """Restore the relaxation in which an earlier run was interrupted, None without one. Collective."""
-    record = saver.resumed_record(relaxation.RELAXATION)
-    return record and relaxation.restored_relaxation(distribution, *record)
-
-
-def paused(
+def interrupted(
     problem: Problem,
     context: RunContext,
     stage: str,
     title: str,
-    before: int,
-    pause: relaxation.Paused,
-    stage_records: dict[str, Record] | None = None,
+    step: int,
+    records: dict[str, Record] | None = None,
 ) -> Interrupted:
     """Save a checkpoint and return the error of a run that was stopped in an equilibrium. Collective.
 
-    before : iterations of the earlier equilibria; stage_records : records of the stage, by name
+    The state is that before the equilibrium, which the resumed run repeats.
+    step : iterations of the earlier equilibria; records : of the stage, by name
     """
-    step, at = before + pause.at.total + pause.at.iteration, pause.at
-    record = {relaxation.RELAXATION: relaxation.relaxation_record(problem.distribution, at)}
-    records = record | (stage_records or {})
     return interruption_error(f"in statics, {title}", context.saver.save(stage, step, problem.state, records))
 
 
@@ -81,30 +71,28 @@ def solve_equilibrium(
     load_case: StaticLoad,
     reference: float | None,
     stop: StopFlag,
-    resume: relaxation.Relaxation | None = None,
     max_iterations: int | None = None,
 ) -> StaticOutcome:
     """Bring the state to one equilibrium, and update plastic strains. Collective.
 
-    reference : [N], of the tolerance, None: that of `reference_force`; stop, resume : see `relax`
+    reference : [N], of the tolerance, None: that of `reference_force`; stop : stop flag
     max_iterations : of a relaxation, None: as the job sets them
 
     If there is no equilibrium, the state depends on the load. If the load is one of `LIMIT_LOAD_KINDS` or if
     an element breaks, the state is the equilibrium under the limit load factor. Otherwise it is the initial
     state. An equilibrium has no fractures, except after member removal: there the elements beyond their
-    strength are reported. Raises Paused if the stop flag is set.
+    strength are reported. If the stop flag is set, the state is restored and StopRequested is raised.
     """
-    return Search(problem, load_case, reference, stop, resume, max_iterations).outcome()
+    return Search(problem, load_case, reference, stop, max_iterations).outcome()
 
 
 class Search:
     """Search for the equilibrium under one load; arguments as of `solve_equilibrium`. Methods are collective.
 
     start : the state without the load, as of `save_state`; missing_load : (n, 3) [N], not applied in it
-    resume : for the first solution, None afterwards
     seeks_limit : whether to find the limit load factor; has_limit_load : whether work control finds it
 
-    Methods that search raise Paused if the stop flag is set.
+    Methods that search raise StopRequested if the stop flag is set.
     """
 
     def __init__(
@@ -113,33 +101,30 @@ class Search:
         load_case: StaticLoad,
         reference: float | None,
         stop: StopFlag,
-        resume: relaxation.Relaxation | None,
         max_iterations: int | None,
     ):
-        self.problem, self.load_case, self.stop, self.resume = problem, load_case, stop, resume
+        self.problem, self.load_case, self.stop = problem, load_case, stop
         self.reference = reference_force(problem, load_case) if reference is None else reference
         self.comm, self.state, self.finder = problem.comm, problem.state, problem.finder
         settings = load_settings(problem.job)
         self.tolerance, most = settings.tolerance, settings.max_iterations
         self.iterations = most if max_iterations is None else min(max_iterations, most)
         self.start = save_state(problem.state)
-        if resume is not None and resume.start is not None:
-            self.start["x"][:] = resume.start
         self.seeks_limit = load_case.kind in LIMIT_LOAD_KINDS
         self.has_limit_load = self.seeks_limit and self.finder.has_limit_load()
         self.missing_load = np.zeros((0, 3))
 
     def outcome(self) -> StaticOutcome:
         """Search for the equilibrium and return the outcome."""
-        full_load, equilibrium = self.try_load(self.load_case.load)
         try:
+            full_load, equilibrium = self.try_load(self.load_case.load)
             if equilibrium is not None:
                 return self.carried_outcome(equilibrium)
             if self.seeks_limit or full_load.reason == limit_load.BREAKS:
                 return self.limit_outcome(full_load)
-        except (relaxation.Paused, StopRequested):
+        except StopRequested:
             restore_saved(self.state, self.start)
-            raise relaxation.Paused(relaxation.initial_relaxation(self.start["x"])) from None
+            raise
         restore_saved(self.state, self.start)
         return self.failed_outcome(
             0.0, full_load, self.reason(full_load), initial_equilibrium_record(self.problem)
@@ -194,10 +179,9 @@ class Search:
         self, load: np.ndarray, criterion: Criterion, check_limit: Callable[[], None] | None = None
     ) -> Solution:
         """Bring the state to equilibrium, slips included; arguments as of `EquilibriumFinder.find`."""
-        resume, self.resume = self.resume, None
 
         def find() -> Solution:
-            return self.finder.find(load, criterion, self.stop, resume, check_limit)
+            return self.finder.find(load, criterion, self.stop, check_limit)
 
         if self.finder.slips is None:
             return find()

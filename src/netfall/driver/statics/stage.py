@@ -15,14 +15,13 @@ import numpy as np
 
 from netfall.core.errors import NoEquilibriumError, UndecidedError
 from netfall.core.functions import lengths
-from netfall.core.timings import NEVER_STOP
+from netfall.core.timings import NEVER_STOP, StopRequested
 from netfall.driver import messages
 from netfall.driver.problem import Outcome, Problem, RunContext, equilibria, loaded
 from netfall.driver.statics.equilibrium import (
     SEPARATE,
-    paused,
+    interrupted,
     reference_force,
-    resumed_relaxation,
     solve_equilibrium,
 )
 from netfall.driver.statics.outcome import (
@@ -50,7 +49,6 @@ from netfall.results.states import PERMANENT
 from netfall.results.writer import text_dataset
 from netfall.statics.at_limit import largest_torsion
 from netfall.statics.newton import STABLE
-from netfall.statics.relaxation import Paused, Relaxation
 
 # entries of `Equilibrium.numbers` and `record_outcome` that are only for messages, and not written
 MESSAGE_NUMBERS = ("moved", "torsion", "stopped", "rounding", "unexplained")
@@ -101,18 +99,16 @@ def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outc
         return Outcome(path, sections=sections(path), labels=group_labels(path, problem))
     if steps:
         context.progress.say(f"statics: {steps} load steps")
-    resume = results = None
+    results = None
     with context.phases.phase(NAME):
         try:
-            if saver.stage == NAME:
-                resume = resumed_relaxation(problem.distribution, saver)
-            elif context.cache.most:
+            if context.cache.most:
                 key = problem.comm.bcast(cache_key(problem.job) if problem.model else None)
                 results = context.cache.get_or_compute("statics", key, list)
-            find_equilibria(problem, context, path, resume, results)
-        except Paused as pause:
+            find_equilibria(problem, context, path, results)
+        except StopRequested:
             name = equilibria(problem)[path.done].load_case.title
-            raise paused(problem, context, NAME, name, path.total, pause) from None
+            raise interrupted(problem, context, NAME, name, path.total) from None
     outcome = Outcome(path, lines(path, problem), sections(path), labels=group_labels(path, problem))
     if not path.failed:
         return outcome
@@ -124,17 +120,15 @@ def find_equilibria(
     problem: Problem,
     context: RunContext,
     path: StaticPath,
-    resume: Relaxation | None = None,
     results: list[Result] | None = None,
 ) -> None:
     """Bring the state through all equilibria that the job needs. Collective.
 
-    path : receives the results, and contains those of an earlier run; resume : relaxation within the next
-    equilibrium
+    path : receives the results, and contains those of an earlier run
     results : of the same equilibria in an earlier run, which are repeated; receives the later ones
 
     A case without an equilibrium is recorded and the search continues. Any other load without one ends the
-    search, see `path.failed`. Raises Paused if the stop flag is set.
+    search, see `path.failed`. Raises StopRequested if the stop flag is set.
     """
     state, requests, base = problem.state, equilibria(problem), None
     if path.reference is None:
@@ -155,8 +149,7 @@ def find_equilibria(
             is_apart = load_case.kind in SEPARATE  # so that its tolerance does not depend on other cases
             reference = reference_force(problem, load_case) if is_apart else path.reference
             load_case = apply_actions(problem, load_case)
-            outcome = solve_equilibrium(problem, load_case, reference, context.stop, resume)
-            resume = None
+            outcome = solve_equilibrium(problem, load_case, reference, context.stop)
         if not outcome.carries and load_case.kind not in SEPARATE:
             path.failed = no_equilibrium(problem.job, load_case, outcome)
             path.undecided = outcome.state == UNDECIDED

@@ -29,7 +29,7 @@ from netfall.statics.bounds import SUBSTITUTE_SHARE
 from netfall.statics.form.densities import force_density_form
 from netfall.statics.form.self_stress import self_stress
 from netfall.statics.form.tensions import FormElements, newton_form
-from netfall.statics.relaxation import Relaxation, StaticNet, largest_force, relax
+from netfall.statics.relaxation import StaticNet, largest_force, relax
 
 
 @final
@@ -69,12 +69,10 @@ class FormSearch:
     report: Callable[[int, float], None]
     stop: StopFlag
 
-    def find(
-        self, resume: Relaxation | None = None, load: np.ndarray | None = None, start: Any = None
-    ) -> Form:
-        """Find the form of the net. Collective.
+    def find(self, load: np.ndarray | None = None, start: Any = None) -> Form:
+        """Find the form of the net. Collective. Raises StopRequested.
 
-        resume : see `relax`; load : (n, 3) [N], all particles, on rank 0, that the form carries, None: none
+        load : (n, 3) [N], all particles, on rank 0, that the form carries, None: none
         start : positions (n, 3) [m] of this rank from which to relax, None: the given ones
         """
         net, distribution, settings = self.net, self.distribution, self.settings
@@ -121,26 +119,22 @@ class FormSearch:
         if start is not None:
             x[:] = start
         moving = StaticNet(x, free, elements.ends, elements.forces, elements.bound, turned=turned)
-        iterations, residual = self._by_tensions(moving, elements, allowed, resume)
+        iterations, residual = self._by_tensions(moving, elements, allowed)
         return Form(x, elements.N, iterations, residual, reference)
 
-    def _by_tensions(
-        self, moving: StaticNet, elements: FormElements, allowed: float, resume: Relaxation | None
-    ) -> tuple[int, float]:
+    def _by_tensions(self, moving: StaticNet, elements: FormElements, allowed: float) -> tuple[int, float]:
         """Move moving.x to the form; return iterations and the largest residual [N], at most `allowed`.
 
         Collective.
         """
         halo, settings = self.halo, self.settings
-        if resume is None or resume.iteration == 0:
-            resume = None
-            result = newton_form(self.distribution, halo, moving, elements, settings, allowed, self.stop)
-            if result is not None:
-                return result
+        result = newton_form(self.distribution, halo, moving, elements, settings, allowed, self.stop)
+        if result is not None:
+            return result
         report = self._coincidence_check(elements) if elements.constant else self.report
         most = settings.max_iterations
         try:
-            return relax(halo, moving, allowed, most, "form finding", report, self.stop, resume)
+            return relax(halo, moving, allowed, most, "form finding", report, self.stop)
         except CoincidentNodes:
             raise
         except DivergedError as error:

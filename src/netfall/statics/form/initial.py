@@ -1,4 +1,4 @@
-"""Form of a job: form finding with pause, restart, and the permanent load that depends on the form."""
+"""Form of a job: form finding, its interruption, and the permanent load that depends on the form."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -8,7 +8,7 @@ import numpy as np
 
 from netfall.core.arrays import FloatArray
 from netfall.core.errors import DivergedError, interruption_error
-from netfall.core.timings import StopFlag
+from netfall.core.timings import StopFlag, StopRequested
 from netfall.geometry.net import (
     Net,
     space_inner_particles,
@@ -28,9 +28,8 @@ from netfall.results.checkpoint import Checkpoint, checkpoint_path, remove_old_c
 from netfall.statics import messages
 from netfall.statics.bounds import MOST_STEPS, SETTLED_CHANGE
 from netfall.statics.form.find import Form, FormSearch
-from netfall.statics.relaxation import RELAXATION, Paused, Relaxation, relaxation_record, restored_relaxation
 
-FORM, INITIAL, FORM_LOAD = "form finding", "initial", "form load"  # names in checkpoints
+FORM, INITIAL = "form finding", "initial"  # names in checkpoints
 
 
 def find_initial_form(
@@ -39,15 +38,14 @@ def find_initial_form(
     distribution: Distribution,
     halo: Halo,
     report: Callable[..., Any],
-    save: Callable[[int, dict[str, Any]], Path] | None,
-    checkpoint: Checkpoint | None,
+    save: Callable[[int, dict[str, Any]], Path],
     stop: StopFlag,
 ) -> tuple[Form, FloatArray | None, FloatArray | None]:
     """Find the form and return it with positions (n, 3) [m] and tensions (m,) [N] of the net on rank 0.
 
-    Collective.
+    Collective. Raises Interrupted, with a checkpoint from which the run begins again, if `stop` is set.
 
-    save(step, parts) : writes a checkpoint, see `write_before_stages`; None: there is no result file
+    save(step, parts) : writes a checkpoint, see `write_before_stages`
 
     If nothing loads an element between its ends, it is straight and has one tension. So the form of a
     subdivided net is that of the net as given, with the new particles evenly spaced. If the form carries its
@@ -66,19 +64,6 @@ def find_initial_form(
 
     search = FormSearch(as_given, distribution, halo, job.form_finding, report, stop)
 
-    def find(resume: Relaxation | None, load: Any = None, start: Any = None, before: int = 0) -> Form:
-        try:
-            return search.find(resume, load, start)
-        except Paused as pause:
-            if save is None:
-                raise
-            records = {RELAXATION: relaxation_record(distribution, pause.at)}
-            if is_loaded:
-                records[FORM_LOAD] = {"before": before}, {} if load is None else {"load": load}
-            iteration = before + pause.at.iteration
-            path = save(iteration, records)
-            raise interruption_error(f"in form finding, iteration {iteration}", path) from None
-
     def gather(form: Form) -> tuple[FloatArray | None, FloatArray | None]:
         x, N = distribution.gather_particles(form.x), distribution.gather_elements(form.N)
         if layout is None:
@@ -88,13 +73,9 @@ def find_initial_form(
         return space_inner_particles(net, x), np.repeat(N, net.parts)
 
     try:
-        record = comm.bcast(checkpoint and checkpoint.part(RELAXATION)[0])
-        arrays = checkpoint.part(RELAXATION)[1] if checkpoint else None
-        resume = restored_relaxation(distribution, record, arrays) if record else None
-        if is_loaded:
-            form = _find_loaded_form(comm, job, layout, gather, find, resume, record and checkpoint)
-        else:
-            form = find(resume)
+        form = _find_loaded_form(comm, job, layout, gather, search) if is_loaded else search.find()
+    except StopRequested:
+        raise interruption_error("in form finding, which the resumed run repeats", save(0, {})) from None
     finally:
         if own_halo:
             own_halo.free()
@@ -111,38 +92,27 @@ def _net_to_relax(job: Job, net: Net) -> Net:
 
 
 def _find_loaded_form(
-    comm: MPI.Comm,
-    job: Job,
-    layout: Layout | None,
-    gather: Any,
-    find: Any,
-    resume: Any,
-    checkpoint: Checkpoint | None,
+    comm: MPI.Comm, job: Job, layout: Layout | None, gather: Any, search: FormSearch
 ) -> Form:
     """Find the form that carries its own permanent load, by iteration of form and load. Collective.
 
     gather(form) : positions and forces of the whole net, on rank 0
-    find(resume, load, start, before) : finds the form under a load, after so many iterations under others
-    checkpoint : of a paused iteration
     """
-    start = resume and resume.x
+    start, total = None, 0
 
     def load_in(x: np.ndarray | None, N: np.ndarray | None) -> np.ndarray | None:
         return on_root(comm, lambda: permanent_load_of_form(job, layout, x, N))
 
-    load = checkpoint.part(FORM_LOAD)[1]["load"] if checkpoint else None
-    total = comm.bcast(checkpoint.part(FORM_LOAD)[0].get("before", 0) if checkpoint else 0)
-    if resume is None:
-        load = load_in(layout.net.x, layout.net.prestress) if layout else load_in(None, None)
+    load = load_in(layout.net.x, layout.net.prestress) if layout else load_in(None, None)
     for _ in range(MOST_STEPS):
-        form = find(resume, load, start, total)
+        form = search.find(load, start)
         total += form.iterations
         new_load = load_in(*gather(form))
         change = comm.bcast(layout and float(np.abs(new_load - load).max()))
         if change <= SETTLED_CHANGE * job.form_finding.tolerance * form.reference:
             form.iterations = total
             return form
-        resume, load, start = None, new_load, form.x
+        load, start = new_load, form.x
     allowed = SETTLED_CHANGE * job.form_finding.tolerance * form.reference
     raise DivergedError(messages.FORM_LOAD_NOT_CONVERGED(change=change, turns=MOST_STEPS, allowed=allowed))
 

@@ -20,8 +20,7 @@ from netfall.statics.bounds import LARGE_SHARE, MAX_DECADES, SUBSTITUTE_SHARE
 from netfall.statics.multigrid.cycle import CycleStructure
 from netfall.statics.multigrid.lines import distribute_lines
 from netfall.statics.multigrid.tangent import Tangent
-from netfall.statics.newton import STABLE, Newton, NoConvergence, StopRequested
-from netfall.statics.relaxation import Paused, initial_relaxation
+from netfall.statics.newton import STABLE, Newton, NoConvergence
 
 # artificial stiffness along elements of constant tension, over their force density [-], in turn
 ARTIFICIAL_STIFFNESS = (0.1, 0.01, 1e-3, 1e-4)
@@ -115,7 +114,7 @@ def newton_form(
 
     elements : `FormElements`; target_residual : [N]; stop : stop flag
 
-    Returns None and restores net.x if Newton's method does not apply or does not converge. Raises Paused.
+    Returns None and restores net.x if Newton's method does not apply or does not converge.
     """
     comm = distribution.comm
     has_struts = comm.allreduce(bool((elements.T0 < 0.0).any()), MPI.LOR)
@@ -136,9 +135,6 @@ def newton_form(
             if solution.unstable_at == STABLE:
                 return total, solution.residual
             break
-    except StopRequested:
-        net.x[:] = before
-        raise Paused(initial_relaxation(before)) from None
     except NoConvergence:
         pass
     net.x[:] = before
