@@ -263,7 +263,9 @@ def test_form_and_equilibria_of_a_large_net_have_equal_bits_on_ranks(shared_work
 def test_newtons_method_can_be_interrupted_in_form_finding(form_of, tmp_path):
     """The run stops between two corrections. Its checkpoint restarts the search, to the same bits."""
     net = "ring", "form_finding.modulus_factor=1e-3"
-    with pytest.raises(Interrupted, match="in form finding, which the resumed run repeats") as stopped:
+    with pytest.raises(
+        Interrupted, match="in form finding or erection, which the resumed run repeats"
+    ) as stopped:
         form_of(*net, stop=StopAfter(1), result=tmp_path / "result.vtkhdf")
     checkpoint = Path(str(stopped.value).split("--restart ")[1].split(" [")[0])
     assert np.array_equal(form_of(*net, restart=checkpoint).x, form_of(*net).x)

@@ -105,7 +105,7 @@ def test_stages_of_supports_have_the_same_bits_on_ranks_and_after_a_pause(worksh
     with workshop.run(job, ranks=2, output="two.vtkhdf") as two:
         assert assert_same_results(one, two) > 20
     checkpoint, message = workshop.pause(job, 12, "paused.vtkhdf")
-    assert "in stage" in message
+    assert "in form finding or erection" in message
     with workshop.run(job, "--restart", checkpoint, ranks=2, output="again.vtkhdf") as again:
         assert assert_same_results(one, again) > 20
 

@@ -47,7 +47,7 @@ class BuildUp:
     base : the model in the form-found geometry; form : geometry in which the erection began, None: no
     erection
     form_sections : datasets of /form_finding; sections : of other groups of the file; labels : attributes
-    lines : to print; records : of checkpoints, by name; failure : error that ends the build-up, or None
+    lines : to print; failure : error that ends the build-up, or None
     start_residual : largest residual and tension [N], if stages or another temperature precede it
     """
 
@@ -57,7 +57,6 @@ class BuildUp:
     sections: Mapping[str, dict[str, np.ndarray]] = field(default_factory=dict)
     labels: Mapping[str, dict[str, Any]] = field(default_factory=dict)
     lines: Sequence[str] = ()
-    records: Mapping[str, tuple[dict[str, Any], dict[str, np.ndarray]]] = field(default_factory=dict)
     failure: DivergedError | None = None
     start_residual: tuple[float, float] | None = None
 

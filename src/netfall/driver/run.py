@@ -22,7 +22,7 @@ from netfall.driver.problem import Outcome, Problem, RunContext
 from netfall.driver.provenance import library_text, provenance_values
 from netfall.driver.removal import equilibria as removal_equilibria
 from netfall.driver.reporting.run import OutcomeReport, form_found_model, report_net, report_problem
-from netfall.driver.setup import prepare_problem
+from netfall.driver.setup import FORM, prepare_problem
 from netfall.driver.statics import stage as statics
 from netfall.explicit.energy import take_snapshot
 from netfall.explicit.plan import StepPlan
@@ -41,7 +41,6 @@ from netfall.results.h5 import check_one_folder
 from netfall.results.locks import check_output_path, locked_output, resolve_link
 from netfall.results.warning_text import force_balance_warnings
 from netfall.results.writer import Result, net_section, slide_section
-from netfall.statics.form.initial import FORM, INITIAL, initial_record
 from netfall.statics.reactions import Balance, compute_form_balance
 
 STAGES = (statics, removal_equilibria, modes, dynamics)
@@ -199,10 +198,6 @@ def register_state(problem: Problem, context: RunContext) -> None:
     """Register the states outside the stages, and restore those of a resumed run. Collective."""
     if context.saver.given:
         context.progress.say(f"resumed from {context.saver.given}")
-    build_up = problem.build_up
-    for name, record in {INITIAL: initial_record(problem.form, build_up.base), **build_up.records}.items():
-        # `prepare_problem` has restored the record of a resumed run.
-        context.saver.register_constant(name, record)
     context.saver.register_result()
     context.saver.register(
         "warnings",

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.errors import InputError
+from netfall.core.errors import InputError, interruption_error
 from netfall.core.messages import is_warning
-from netfall.core.timings import NEVER_STOP, PhaseTimes, StopFlag
+from netfall.core.timings import NEVER_STOP, PhaseTimes, StopFlag, StopRequested
 from netfall.driver import messages
 from netfall.driver.dynamics.stepper import assembled_limit
 from netfall.driver.erection.permanent_state import solve_initial_state
@@ -31,16 +31,17 @@ from netfall.physics.slip.law import set_slipless_lengths
 from netfall.physics.slip.motion import SLIP_STEP_SHARE
 from netfall.physics.stability import Limit
 from netfall.physics.state import State
-from netfall.results.checkpoint import Checkpoint
+from netfall.results.checkpoint import Checkpoint, checkpoint_path, write_checkpoint
 from netfall.results.text import bar_length_warnings, form_lines
 from netfall.statics.form.find import Form
-from netfall.statics.form.initial import INITIAL, find_initial_form, restored_form, write_before_stages
+from netfall.statics.form.initial import find_initial_form
 from netfall.statics.relaxation import state_residual
 from netfall.statics.solver import EquilibriumFinder
 
 # Number of elements up to which each run computes the sharp step limit (10 ms for a stadium, 0.5 s at this
 # number). Above it, a run does so only if a fixed time step exceeds the simple limit.
 MAX_SHARP_LIMIT_ELEMENTS = 50_000
+FORM = "form finding"  # name of all that precedes the first stage in checkpoints
 
 
 def prepare_problem(
@@ -59,7 +60,7 @@ def prepare_problem(
     If targets are not met or a stage of erection has no equilibrium, `Problem.failure` is set. The problem
     then has no limits and no schedule.
     result : path of the result file, next to which an interrupted preparation leaves a checkpoint
-    restart : the checkpoint to resume; cache : cache of earlier runs
+    restart : the checkpoint to resume, which does not replace the preparation; cache : cache of earlier runs
     describe : receives the given net, on rank 0, and its features, before form finding
 
     Raises InputError for errors in the job, DivergedError if form finding does not converge, Interrupted if
@@ -71,27 +72,30 @@ def prepare_problem(
     net = layout and layout.net
     digest = comm.bcast(layout_digest(job, net) if layout else None)
     checkpoint = on_root(comm, lambda: Checkpoint(restart, digest)) if restart else None
-    save = partial(write_before_stages, comm, job, result or Path(), digest, restart)
-    has_form = comm.bcast(checkpoint and INITIAL in checkpoint.record["parts"])  # form finding was complete
-    with phases.phase("form finding"):
-        if has_form:
-            form, x, N = restored_form(comm, job, checkpoint)
-        elif job.form_finding is not None:
-            key = comm.bcast(cache_key(job, without=WIND_SPEED_KEYS) if layout else None)
-            find = partial(find_initial_form, job, layout, distribution, halo, report, save, stop)
-            form, x, N = cache.get_or_compute("form", key, find)
-        else:
-            form, x, N = None, layout and net.x, None
-        model = on_root(comm, lambda: _make_model(job, layout, x, N, cache))
-    with phases.phase("state"):
-        state = make_state(distribution, job, model, features)
-        residual, reference = _check_form(comm, job, form, model, distribution, state)
-    finder = EquilibriumFinder(comm, halo, distribution, state)
-    problem = Problem(comm, job, model, distribution, halo, state, finder, form, residual, reference, digest)
-    problem = replace(problem, build_up=BuildUp(base=model))
-    if job.targets or job.stages or comm.bcast(net is not None and bool(net.length_error.any())):
-        with phases.phase("erection"):
-            problem = solve_initial_state(problem, save, checkpoint, stop, cache)
+
+    def find_form() -> Any:
+        if job.form_finding is None:
+            return None, layout and net.x, None
+        key = comm.bcast(cache_key(job, without=WIND_SPEED_KEYS) if layout else None)
+        find = partial(find_initial_form, job, layout, distribution, halo, report, stop)
+        return cache.get_or_compute("form", key, find)
+
+    try:
+        with phases.phase("form finding"):
+            form, x, N = find_form()
+            model = on_root(comm, lambda: _make_model(job, layout, x, N, cache))
+        with phases.phase("state"):
+            state = make_state(distribution, job, model, features)
+            checked = _check_form(comm, job, form, model, distribution, state)
+        finder = EquilibriumFinder(comm, halo, distribution, state)
+        problem = Problem(comm, job, model, distribution, halo, state, finder, form, *checked, digest)
+        problem = replace(problem, build_up=BuildUp(base=model))
+        if job.targets or job.stages or comm.bcast(net is not None and bool(net.length_error.any())):
+            with phases.phase("erection"):
+                problem = solve_initial_state(problem, stop, cache)
+    except StopRequested:
+        path = restart or _empty_checkpoint(comm, job, result or Path(), digest)
+        raise interruption_error("in form finding or erection, which the resumed run repeats", path) from None
     if problem.failure:
         return problem, checkpoint
     with phases.phase("state"):
@@ -99,6 +103,14 @@ def prepare_problem(
         limits = _step_limits(problem)
         schedule = job.dynamics and on_root(comm, lambda: schedule_job(job, limits, problem.root_model))
         return replace(problem, limits=limits, schedule=comm.bcast(schedule)), checkpoint
+
+
+def _empty_checkpoint(comm: MPI.Comm, job: Job, result: Path, digest: str) -> Path:
+    """Write a checkpoint from which a run begins again; return its path. Collective."""
+    path = checkpoint_path(result, 1, 0)
+    record = {"job": digest, "name": job.title or job.name, "stage": FORM}
+    write_checkpoint(comm, path, None, None, record, {})
+    return path
 
 
 def _check_form(

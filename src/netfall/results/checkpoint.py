@@ -2,10 +2,10 @@
 
 A checkpoint is a file NAME.checkpoint-STAGE-STEP.h5 next to the result file NAME.vtkhdf. For a RESULT with
 another suffix it is RESULT-checkpoint-STAGE-STEP.h5. STAGE is the number of the stage in the order of
-execution, from 1 for form finding. STEP counts its iterations, or the steps of the dynamic stage. A
-checkpoint does not contain the result. The run writes the result in segments, closes a segment at each
-checkpoint, and joins them at its end. A kill at any moment leaves complete segments and a complete checkpoint
-that names them.
+execution, from 1 for form finding and erection, which a resumed run repeats. STEP counts the iterations of
+finished equilibria, or the steps of the dynamic stage. A checkpoint does not contain the result. The run
+writes the result in segments, closes a segment at each checkpoint, and joins them at its end. A kill at any
+moment leaves complete segments and a complete checkpoint that names them.
 
 netfall keeps the last two checkpoints. A run removes its own older ones. A run that resumes a checkpoint next
 to its own result file also removes older ones from earlier runs of the same job and result. It keeps the
@@ -93,18 +93,18 @@ def write_checkpoint(
     comm: MPI.Comm,
     path: Path,
     state: State | None,
-    result: Result,
+    result: Result | None,
     record: dict[str, Any],
     parts: dict[str, tuple[Any, ...]],
 ) -> None:
     """Write the state, if it exists already, and the run's records. Collective.
 
-    result : gives the row numbers; record : of the run, small values for JSON
+    result : gives the row numbers, None without a state; record : of the run, small values for JSON
     parts : records by name: small values for JSON, and arrays in global order on rank 0
     """
     file = SharedFile(comm, path)
     try:
-        if state is not None:
+        if state is not None and result is not None:
             _write_state(file, state, result)
 
         def finish(h5: h5py.File) -> None:
@@ -152,7 +152,7 @@ class Checkpoint:
         if not is_intact(path):
             raise InputError(messages.DAMAGED_CHECKPOINT(path=path, newest=_newest_complete(path)))
         with h5py.File(path, "r") as file:
-            if file.attrs.get("format") != FORMAT:
+            if (file.attrs.get("format"), file.attrs.get("netfall")) != (FORMAT, netfall.__version__):
                 remedy = "start the run again, or resume it with that version"
                 raise other_version_error(path, file.attrs.get("netfall"), remedy)
             self.record = json.loads(file["record"].asstr()[()])
@@ -266,10 +266,6 @@ class CheckpointWriter:
         self.parts[name] = record
         if restore and (restored := self.resumed_record(name, everywhere)):
             restore(*restored)
-
-    def register_constant(self, name: str, record: Record) -> None:
-        """Register a record that does not change during the run; the caller restores it."""
-        self.register(name, lambda: record)
 
     def register_result(self) -> None:
         """Register the log of fractures and the segments of the result file, and restore them. Collective."""

@@ -38,7 +38,6 @@ from netfall.results.datasets import NO_EQUILIBRIUM
 from netfall.statics.newton import STABLE
 
 MOST_TURNS = 40  # iterations of the loads of a stage; each reduces their change to a fifth in soft nets
-RECORDED = ("L0", "slipped", "fixed", "active")  # arrays of a `StageSetting` in checkpoints
 
 
 @dataclass
@@ -58,51 +57,18 @@ class Erection:
     lines: list[str] = field(default_factory=list)
     failed: str = ""
 
-    def record(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Return the record that `restored_erection` needs; arrays on rank 0."""
-        small = {"done": self.done, "labels": self.labels, "lines": self.lines, "groups": list(self.sections)}
-        if self.x is None:
-            return small, {}
-        arrays = {name: getattr(self.setting, name) for name in RECORDED} | {"x": self.x}
-        for k, datasets in enumerate(self.sections.values()):
-            arrays |= {f"{k}:{name}": values for name, values in datasets.items()}
-        return small, arrays
 
-
-def restored_erection(
-    problem: Problem, small: dict[str, Any], arrays: dict[str, np.ndarray] | None
-) -> Erection:
-    """Restore the erection of a record; arrays : on rank 0."""
-    erection = Erection(small["done"], labels=small["labels"], lines=small["lines"])
-    if problem.model is None or arrays is None or not small["done"]:
-        return erection
-    setting = first_setting(problem.job, problem.model)
-    for stage in problem.job.stages[: small["done"]]:  # for the loads, which the record lacks
-        setting = next_setting(setting, stage, problem.model.layout)
-    recorded: dict[str, Any] = {name: arrays[name] for name in RECORDED}
-    erection.setting = replace(setting, **recorded)
-    erection.x = arrays["x"]
-    for k, group in enumerate(small["groups"]):
-        erection.sections[group] = {
-            name.partition(":")[2]: values for name, values in arrays.items() if name.startswith(f"{k}:")
-        }
-    return erection
-
-
-def erect(problem: Problem, erection: Erection, stop: StopFlag) -> None:
-    """Compute the remaining stages and add their results to `erection`. Collective.
+def erect(problem: Problem, stop: StopFlag) -> Erection:
+    """Compute the stages. Collective.
 
     problem : in its initial state, without limits and schedule; afterwards in the last equilibrium.
 
-    A stage without an equilibrium is the last one. Raises StopRequested if the stop flag is set: `erection`
-    then has the earlier stages.
+    A stage without an equilibrium is the last one. Raises StopRequested if the stop flag is set.
     """
-    model = problem.model
+    model, erection = problem.model, Erection()
     set_up_slip(problem)
-    setting, x = erection.setting, erection.x
-    if model and setting is None:
-        setting, x = first_setting(problem.job, model), model.x
-    for stage in problem.job.stages[erection.done :]:
+    setting, x = (first_setting(problem.job, model), model.x) if model else (None, None)
+    for stage in problem.job.stages:
         setting = next_setting(setting, stage, model.layout) if model and setting else None
         before = save_state(problem.state)
         load = _prepare_stage(problem, setting, x)
@@ -114,6 +80,7 @@ def erect(problem: Problem, erection: Erection, stop: StopFlag) -> None:
         if not outcome.carries:
             erection.failed = failure_text(messages.STAGE_WITHOUT_EQUILIBRIUM, title, outcome)
             break
+    return erection
 
 
 def _prepare_stage(problem: Problem, setting: StageSetting | None, x: np.ndarray | None) -> np.ndarray:

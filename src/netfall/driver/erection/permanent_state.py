@@ -2,17 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from netfall.core.errors import DivergedError, NoEquilibriumError, UndecidedError, interruption_error
+from netfall.core.errors import DivergedError, NoEquilibriumError, UndecidedError
 from netfall.core.functions import lengths
 from netfall.core.messages import without_code
-from netfall.core.timings import NEVER_STOP, StopFlag, StopRequested
+from netfall.core.timings import NEVER_STOP, StopFlag
 from netfall.driver import messages
-from netfall.driver.erection.erect import Erection, erect, restored_erection
+from netfall.driver.erection.erect import Erection, erect
 from netfall.driver.erection.settings import check_stages
 from netfall.driver.erection.tension import (
     NewLengths,
@@ -31,97 +30,58 @@ from netfall.model.layout import make_features
 from netfall.model.model import Model, make_model, make_state
 from netfall.parallel.agree import on_root
 from netfall.physics.fields import REMOVED_BY_ERECTION
-from netfall.results.checkpoint import Checkpoint
 from netfall.results.datasets import UNDECIDED
 from netfall.results.states import LIMIT_POINT
 from netfall.statics.form.find import Form
-from netfall.statics.form.initial import INITIAL, initial_record
 from netfall.statics.relaxation import largest_force, state_residual
 from netfall.statics.solver import EquilibriumFinder
 
-TARGETS, DEVIATION, ERECTION = "targets", "errors of length", "erection"  # names in checkpoints
 MOST_TURNS = 10  # largest number of iterations of targets and permanent load
-# offset of erection steps in names of checkpoints, above any step of form finding
-ERECTION_STEP_OFFSET = 1_000_000
 
 
-def solve_initial_state(
-    problem: Problem,
-    save: Callable[[int, dict[str, Any]], Path],
-    checkpoint: Checkpoint | None,
-    stop: StopFlag,
-    cache: ResultCache,
-) -> Problem:
+def solve_initial_state(problem: Problem, stop: StopFlag, cache: ResultCache) -> Problem:
     """Return the problem in equilibrium after targets, length errors and stages of erection. Collective.
 
-    save : see `find_initial_form`; checkpoint, stop, cache : as in `prepare_problem`
+    stop, cache : as in `prepare_problem`
 
-    Raises InputError, DivergedError, Interrupted.
+    Raises InputError, DivergedError, StopRequested.
     """
     comm, job = problem.comm, problem.job
-    parts = comm.bcast(checkpoint and set(checkpoint.record["parts"])) or set()
-
-    def record_of(name: str) -> tuple[Any, ...] | None:
-        if name not in parts:
-            return None
-        return checkpoint.part(name) if checkpoint else (None, None)
-
     if job.targets:
-        problem = _solve_targets(problem, record_of(TARGETS))
+        problem = _solve_targets(problem)
     if problem.failure is None and comm.bcast(problem.model and bool(problem.model.net.length_error.any())):
-        problem = _apply_length_errors(problem, record_of(DEVIATION), cache)
+        problem = _apply_length_errors(problem, cache)
     if problem.failure or not job.stages:
         return problem
     on_root(comm, lambda: check_stages(job, problem.root_model))
-    erection = Erection()
-    if record := record_of(ERECTION):
-        erection = restored_erection(problem, comm.bcast(record[0]), record[1])
-    try:
-        erect(problem, erection, stop)
-    except StopRequested:
-        initial = initial_record(problem.form, problem.build_up.base)
-        records = {**problem.build_up.records, INITIAL: initial, ERECTION: erection.record()}
-        path = save(ERECTION_STEP_OFFSET + erection.done, records)
-        text = f"in stage {job.stages[erection.done].name}, which the resumed run repeats"
-        raise interruption_error(text, path) from None
-    return _after_erection(problem, erection)
+    return _after_erection(problem, erect(problem, stop))
 
 
 def _build_up_step(
-    problem: Problem,
-    name: str,
-    group: str,
-    record: tuple[Any, ...] | None,
-    compute: Callable[[Problem], tuple[Problem, NewLengths | None]],
+    problem: Problem, new_problem: Problem, result: NewLengths | None, group: str, failed: type[DivergedError]
 ) -> tuple[Problem, dict[str, Any]]:
-    """Return the problem after a step of its build-up, and the arrays of its record on rank 0. Collective.
+    """Return the problem with the record of a step of its build-up, and its arrays on rank 0. Collective.
 
-    name, record : of the step in checkpoints, None: to compute; group : of the file, for a failure
-    compute : returns the problem after the step, and the result on rank 0
+    problem, new_problem : before and after the step; result : on rank 0
+    group : of the file, for a failure; failed : class of the error if the step failed and is not undecided
     """
-    comm, failure = problem.comm, None
+    failure, build_up = None, problem.build_up
     labels: dict[str, dict[str, Any]] = {}
-    if record is None:
-        new_problem, result = compute(problem)
-        reason, state = comm.bcast((result.failed, result.state) if result else None)
-        if result and (reason or result.limit):
-            labels = {group: {"state": state, "reason": without_code(reason)}}
-            labels[group] |= {LIMIT_POINT: result.limit.share} if result.limit else {}
-        record = ({"lines": result.lines, "labels": labels}, result.arrays()) if result else ({}, {})
-        if reason:
-            failure = DivergedError(reason) if name == TARGETS else _search_error(reason, state)
-    else:
-        new_problem = _with_geometry(problem, record[1])
-    small, arrays, build_up = comm.bcast(record[0]), record[1] or {}, problem.build_up
-    lines, records = [*build_up.lines, *small["lines"]], {**build_up.records, name: (small, arrays)}
-    labels = {**build_up.labels, **small["labels"]}
-    build_up = replace(build_up, lines=lines, labels=labels, records=records, failure=failure)
-    return replace(new_problem, build_up=build_up), arrays
+    reason, state = problem.comm.bcast((result.failed, result.state) if result else None)
+    if reason:
+        failure = (UndecidedError if state == UNDECIDED else failed)(reason)
+    if result and (reason or result.limit):
+        labels = {group: {"state": state, "reason": without_code(reason)}}
+        labels[group] |= {LIMIT_POINT: result.limit.share} if result.limit else {}
+    lines = [*build_up.lines, *(result.lines if result else ())]
+    build_up = replace(build_up, lines=lines, labels={**build_up.labels, **labels}, failure=failure)
+    return replace(new_problem, build_up=build_up), result.arrays() if result else {}
 
 
-def _solve_targets(problem: Problem, record: tuple[Any, ...] | None) -> Problem:
+def _solve_targets(problem: Problem) -> Problem:
     """Return the problem in the form that meets its targets, or is closest to them. Collective."""
-    new_problem, arrays = _build_up_step(problem, TARGETS, "form_finding", record, _iterate_targets)
+    step = _iterate_targets(problem)
+    new_problem, arrays = _build_up_step(problem, *step, "form_finding", DivergedError)
     residual = _residual(new_problem)
     form = problem.form  # with targets, a given net has a form
     if form is None:
@@ -180,10 +140,10 @@ def _residual(problem: Problem) -> float:
     return state_residual(problem.comm, problem.state, form_load(problem, "target", "the targets").load)
 
 
-def _apply_length_errors(problem: Problem, record: tuple[Any, ...] | None, cache: ResultCache) -> Problem:
+def _apply_length_errors(problem: Problem, cache: ResultCache) -> Problem:
     """Return the problem with length errors, in equilibrium under the resulting load. Collective."""
 
-    def compute(problem: Problem) -> tuple[Problem, NewLengths | None]:
+    def compute() -> tuple[Problem, NewLengths | None]:
         deviated, tolerance = apply_length_errors(problem, cache), _load_tolerance(problem)
         if problem.comm.bcast(deviated and deviated.failed):
             return _with_final_state(problem, deviated), deviated
@@ -206,7 +166,7 @@ def _apply_length_errors(problem: Problem, record: tuple[Any, ...] | None, cache
             deviated = deviated._replace(lines=[*deviated.lines, line])
         return new_problem, deviated
 
-    new_problem, arrays = _build_up_step(problem, DEVIATION, "deviation", record, compute)
+    new_problem, arrays = _build_up_step(problem, *compute(), "deviation", NoEquilibriumError)
     new_problem = replace(new_problem, residual=_residual(new_problem))
     build_up = new_problem.build_up
     if problem.model:
@@ -215,18 +175,13 @@ def _apply_length_errors(problem: Problem, record: tuple[Any, ...] | None, cache
     return replace(new_problem, build_up=replace(build_up, form=problem.model if build_up.failure else None))
 
 
-def _search_error(reason: str, state: str) -> DivergedError:
-    """Return the error that ends the run. state : outcome of the equilibrium search"""
-    return (UndecidedError if state == UNDECIDED else NoEquilibriumError)(reason)
-
-
 def _after_erection(problem: Problem, erection: Erection) -> Problem:
     """Return the problem after the last stage, or in the stage without an equilibrium. Collective."""
     model, setting, x, build_up = problem.model, erection.setting, erection.x, problem.build_up
     failure, labels = None, {}
     if erection.failed:
         last_state = list(erection.labels.values())[-1]["state"]
-        failure = _search_error(erection.failed, last_state)
+        failure = (UndecidedError if last_state == UNDECIDED else NoEquilibriumError)(erection.failed)
         failed_model = None  # for the result file only
         if model and x is not None and setting:
             layout = replace(model.layout, net=replace(model.net, fixed=setting.held(model.net)))
@@ -248,7 +203,6 @@ def _after_erection(problem: Problem, erection: Erection) -> Problem:
         sections={**build_up.sections, **erection.sections},
         labels={**build_up.labels, **labels},
         lines=[*build_up.lines, *erection.lines],
-        records={**build_up.records, ERECTION: erection.record()},
         failure=failure,
     )
     return replace(new_problem, build_up=build_up)

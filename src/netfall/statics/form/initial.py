@@ -1,14 +1,13 @@
-"""Form of a job: form finding, its interruption, and the permanent load that depends on the form."""
+"""Form of a job: form finding, and the permanent load that depends on the form."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from netfall.core.arrays import FloatArray
-from netfall.core.errors import DivergedError, interruption_error
-from netfall.core.timings import StopFlag, StopRequested
+from netfall.core.errors import DivergedError
+from netfall.core.timings import StopFlag
 from netfall.geometry.net import (
     Net,
     space_inner_particles,
@@ -19,17 +18,14 @@ from netfall.geometry.net import (
 from netfall.job.derived import carries_permanent
 from netfall.job.job import Job
 from netfall.model.layout import Layout
-from netfall.model.model import Model, permanent_load_of_form
+from netfall.model.model import permanent_load_of_form
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, split_net
-from netfall.results.checkpoint import Checkpoint, checkpoint_path, remove_old_checkpoints, write_checkpoint
 from netfall.statics import messages
 from netfall.statics.bounds import MOST_STEPS, SETTLED_CHANGE
 from netfall.statics.form.find import Form, FormSearch
-
-FORM, INITIAL = "form finding", "initial"  # names in checkpoints
 
 
 def find_initial_form(
@@ -38,14 +34,11 @@ def find_initial_form(
     distribution: Distribution,
     halo: Halo,
     report: Callable[..., Any],
-    save: Callable[[int, dict[str, Any]], Path],
     stop: StopFlag,
 ) -> tuple[Form, FloatArray | None, FloatArray | None]:
     """Find the form and return it with positions (n, 3) [m] and tensions (m,) [N] of the net on rank 0.
 
-    Collective. Raises Interrupted, with a checkpoint from which the run begins again, if `stop` is set.
-
-    save(step, parts) : writes a checkpoint, see `write_before_stages`
+    Collective. Raises StopRequested if `stop` is set.
 
     If nothing loads an element between its ends, it is straight and has one tension. So the form of a
     subdivided net is that of the net as given, with the new particles evenly spaced. If the form carries its
@@ -74,8 +67,6 @@ def find_initial_form(
 
     try:
         form = _find_loaded_form(comm, job, layout, gather, search) if is_loaded else search.find()
-    except StopRequested:
-        raise interruption_error("in form finding, which the resumed run repeats", save(0, {})) from None
     finally:
         if own_halo:
             own_halo.free()
@@ -115,42 +106,3 @@ def _find_loaded_form(
         load, start = new_load, form.x
     allowed = SETTLED_CHANGE * job.form_finding.tolerance * form.reference
     raise DivergedError(messages.FORM_LOAD_NOT_CONVERGED(change=change, turns=MOST_STEPS, allowed=allowed))
-
-
-def write_before_stages(
-    comm: MPI.Comm, job: Job, result: Path, digest: str, given: Path | None, step: int, parts: dict[str, Any]
-) -> Path:
-    """Write a checkpoint of a run before its first stage, in place of older ones; return its path.
-
-    Collective.
-
-    given : the checkpoint that was resumed; step : number in the name of the checkpoint
-    """
-    path = checkpoint_path(result, 1, step)
-    record = {"job": digest, "name": job.title or job.name, "stage": FORM}
-    write_checkpoint(comm, path, None, None, record, parts)
-    if comm.rank == 0:
-        remove_old_checkpoints(path, result, digest, given)
-    return path
-
-
-def initial_record(form: Form | None, model: Model | None) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Return the record of the initial state and of form finding; model : of the net in it, on rank 0."""
-    names = ("iterations", "residual", "reference")
-    small = {"form": {name: getattr(form, name) for name in names} if form else None}
-    if model is None:
-        return small, {}
-    states = {} if form is None or form.self_stress is None else {"self_stress": form.self_stress}
-    return small, {"x": model.x, "N": model.N} | states
-
-
-def restored_form(comm: MPI.Comm, job: Job, checkpoint: Checkpoint | None) -> tuple[Any, ...]:
-    """Return what `find_initial_form` does, from the checkpoint of the run that is resumed. Collective."""
-    small: Any = None
-    arrays: Any = None
-    if checkpoint:
-        small, arrays = checkpoint.part(INITIAL)
-    form = comm.bcast(small)["form"]
-    x, states = arrays and arrays["x"], arrays and arrays.get("self_stress")
-    form = Form(None, None, **form, self_stress=states) if form else None
-    return form, x, arrays["N"] if arrays and job.form_finding else None
