@@ -138,7 +138,6 @@ def _check_lines(job: Job, problem: Problem) -> Iterator[str]:
         yield from (run.form_line(problem, problem.form), *run.form_change_lines(problem, problem.form))
     yield from run.start_warnings(problem)
     yield "stages: " + ", ".join(run.stages(job))
-    yield f"features: {run.feature_text(job, model)}"
     yield from wind_lines(job, model)
     if problem.schedule:
         yield from (run.limit_line(limit, model) for limit in problem.limits.values())

@@ -23,11 +23,10 @@ from netfall.geometry.slip_points import SlidingCables
 from netfall.job.derived import carries_permanent, has_statics, load_steps
 from netfall.job.job import Job
 from netfall.job.values import format_list
-from netfall.model.layout import Layout, damping_branches, make_features
+from netfall.model.layout import Layout, damping_branches
 from netfall.model.model import Model
 from netfall.model.schedule import governing_limit, slip_movers, step_at
 from netfall.parallel import partition
-from netfall.physics.fields import Features
 from netfall.physics.law.branches import branch_stiffening
 from netfall.physics.slip.law import MIN_SEGMENT_SHARE, MOST_ADDED, added_share, slip_inertia
 from netfall.physics.stability import Limit
@@ -279,32 +278,6 @@ def stages(job: Job) -> list[str]:
     if job.dynamics:
         names.append(f"dynamics ({job.dynamics.duration:g} s)")
     return names or ["none: only the net"]
-
-
-def feature_text(job: Job, model: Model) -> str:
-    """List the features of the problem, in words."""
-    features, load = make_features(job, model.layout.net, model.layout.slides), job.load
-    table = (
-        ("yield", features.plastic),
-        ("fracture", features.fracture),
-        ("wind", features.wind),
-        ("damping", bool(job.dynamics and job.dynamics.mass_damping)),
-        ("self weight", bool(load and load.self_weight)),
-        ("dead load", any(job.loads("dead"))),
-        ("snow", any(job.loads("snow"))),
-        ("ice", bool(load and load.ice)),
-        ("static pressure", any(value is not None for value in job.loads("pressure"))),
-        ("temperature", bool(load and load.temperature)),
-        ("elastic supports", features.springs),
-        ("moving supports", features.motion),
-        ("damping in a frequency band", bool(features.band)),
-        ("sliding cables", features.slip),
-        ("aerodynamic damping", features.air),
-        ("added mass of the air", features.air_mass),
-        (f"{features.strain} strain", features.strain != Features.strain),
-        ("fracture without fragments", features.fracture and not features.fragments),
-    )
-    return ", ".join(word for word, present in table if present) or "elastic elements only"
 
 
 def limit_line(limit: Limit, model: Model) -> str:
