@@ -168,7 +168,7 @@ mass_damping = 0.2
 TORN = breaking(0.005) + GUSTS.format(35.0, "ramp = 0.0") + LOSSES
 TORN += "[output]\nhistory_interval = 0.005\nframes = 88\n"
 TORN += "probes = [[0.0, 0.0], 15, [10.0, 6.0, 2.0]]\nelements = [40, 20, 33]\n"
-LOOKS = 40  # that each of many runs is given: one rest takes some 20
+LOOKS = 80  # that each of many runs is given: one rest takes some 20
 
 
 @pytest.fixture(scope="module")
@@ -195,7 +195,7 @@ def test_a_pause_in_the_search_for_the_damaged_equilibrium_changes_no_bit(worksh
 
 
 def test_repeatedly_interrupted_damaged_equilibria_end(workshop, torn):
-    """Each run resumes the last one, at the equilibrium or at the interrupted step."""
+    """Each run resumes the last one, at the first equilibrium or at the interrupted step."""
     job, restart, places = workshop.job(TORN), None, []
     while True:
         try:
@@ -206,7 +206,7 @@ def test_repeatedly_interrupted_damaged_equilibria_end(workshop, torn):
             restart = max(workshop.folder.glob("result.checkpoint*"))  # as a script selects the last by name
         else:
             break
-    assert len({where for where in places if "without" in where}) > 1
+    assert any("without" in where for where in places)
     assert_same_results(torn, again)
 
 

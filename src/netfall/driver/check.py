@@ -12,7 +12,7 @@ from netfall.core.messages import is_note, is_warning, kN, say_counted
 from netfall.core.timings import PhaseTimes
 from netfall.driver import messages
 from netfall.driver.modes import mode_lines
-from netfall.driver.problem import Problem, equilibria, loaded
+from netfall.driver.problem import Problem, equilibria
 from netfall.driver.reporting import run
 from netfall.driver.reporting.wind import slender_loads, wind_lines
 from netfall.driver.setup import prepare_problem
@@ -38,11 +38,11 @@ CHECKPOINT_S, CHECKPOINT_ELEMENT_S = 0.026, 4e-6  # per checkpoint; per element 
 EQUILIBRIUM_S = 1e-4  # per equilibrium and element of a small net; varies with slack and compression
 MIN_LARGE_NET = 2000  # number of particles from which a net counts as large
 STAGE_S, TARGET_EQUILIBRIA = 2.5e-4, 8  # per stage of erection and element; equilibria until targets are met
-# per equilibrium and element of a large net: if the tangent predicts it, and if not
-PREDICTED_S, UNPREDICTED_S = 4.5e-6, 4e-5
+LARGE_NET_EQUILIBRIUM_S = 4e-5  # the same of a large net; 4.5e-6 if the tangent predicts the equilibrium
 RELAXED = "; a stage whose nodes hang far below their taut positions needs relaxation, which takes seconds"
-UNPREDICTED = "; an equilibrium far from the tangent takes a third to five times this time, more if relaxed"
-LIMIT_LOAD_SEARCH_RATIO = 5  # time of a search for the limit load factor over the time of an equilibrium
+LARGE_NET = (
+    "; an equilibrium takes a tenth of this time if loads change the net little, more if it is relaxed"
+)
 START_S, NET_S = 0.8, 3e-4  # s to start Python and MPI; s per element for net and form
 # Bytes of the result file per particle and per element: of a snapshot; of the connectivity, which a snapshot
 # contains only if elements broke since the last one; of an equilibrium; of datasets that are written once.
@@ -225,8 +225,10 @@ def run_time_parts(problem: Problem) -> tuple[dict[str, float], str]:
         parts["erection"] = STAGE_S * m * (len(job.stages) + TARGET_EQUILIBRIA * bool(job.targets))
         remark = RELAXED
     if has_statics(job):
-        parts["equilibria"], unknown = equilibria_time(problem)
-        remark += unknown
+        is_large = problem.distribution.n >= MIN_LARGE_NET
+        count = len(equilibria(problem)) + len(job.removes) * bool(job.dynamics)  # one after each removal
+        parts["equilibria"] = (LARGE_NET_EQUILIBRIUM_S if is_large else EQUILIBRIUM_S) * m * count
+        remark += LARGE_NET if is_large else ""
     if schedule:
         steps = schedule.steps // schedule.stride
         parts["steps"] = steps * (problem.distribution.m * STEP_NS * 1e-9 + STEP_US * 1e-6)
@@ -234,28 +236,6 @@ def run_time_parts(problem: Problem) -> tuple[dict[str, float], str]:
         if len(schedule.checkpoints):
             parts["checkpoints"] = len(schedule.checkpoints) * (CHECKPOINT_S + CHECKPOINT_ELEMENT_S * m)
     return parts, remark
-
-
-def equilibria_time(problem: Problem) -> tuple[float, str]:
-    """Estimate the time of all equilibria on one core [s], and a remark on its uncertainty. Collective.
-
-    For a large net it depends on whether the tangent predicts the first and the last equilibrium.
-    """
-    job, m, requests = problem.job, problem.distribution.m, equilibria(problem)
-    count = len(requests) + len(job.removes) * bool(job.dynamics)  # one equilibrium after each member removal
-    if problem.distribution.n < MIN_LARGE_NET:
-        return EQUILIBRIUM_S * m * count, ""
-    if job.form_finding and problem.form is None:
-        return PREDICTED_S * m * count, "; slack or yielding nets take up to ten times as long"
-    is_predicted = problem.finder.converges_quickly  # whether the tangent predicts an equilibrium well
-    if is_predicted(loaded(problem, requests[-1]).load):
-        return PREDICTED_S * m * count, ""
-    is_first_predicted = is_predicted(loaded(problem, requests[0]).load)
-    predicted = sum(load_case.kind == "permanent" for load_case, _ in requests) if is_first_predicted else 0
-    remark = ""
-    if problem.state.features.plastic or problem.state.features.fracture:
-        remark = f"; a load without equilibrium takes up to {LIMIT_LOAD_SEARCH_RATIO} times as long"
-    return m * (PREDICTED_S * predicted + UNPREDICTED_S * (count - predicted)), UNPREDICTED + remark
 
 
 def _state_bytes(problem: Problem) -> int:

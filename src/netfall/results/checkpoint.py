@@ -302,14 +302,11 @@ class CheckpointWriter:
         small, arrays = self.checkpoint.part(name) if self.checkpoint else (None, None)
         return self.comm.bcast(small), self.comm.bcast(arrays) if everywhere else arrays
 
-    def save(self, stage: str, step: int, state: State, extra: dict[str, Record] | None = None) -> Path:
-        """Write a checkpoint of a state and of all registered parts, and return its path. Collective.
-
-        extra : records for this checkpoint alone, by name
-        """
+    def save(self, stage: str, step: int, state: State) -> Path:
+        """Write a checkpoint of a state and of all registered parts, and return its path. Collective."""
         rows = self.result.cut()
         path = checkpoint_path(self.result.path, 1 + self.stages.index(stage), step)
-        records = {name: record() for name, record in self.parts.items()} | (extra or {})
+        records = {name: record() for name, record in self.parts.items()}
         record = {"job": self.digest, "name": self.name, "stage": stage, "rows": rows}
         record["result"] = self.result.path.name
         write_checkpoint(self.comm, path, state, self.result, record, records)

@@ -242,20 +242,6 @@ class EquilibriumFinder:
         r[: self.state.n_owned] = self.newton(load).residual()
         return r
 
-    def converges_quickly(self, load: np.ndarray) -> bool:
-        """Return whether Newton's method converges quickly under a load (n, 3) [N]. Collective.
-
-        The positions are restored.
-        """
-        x = self.state.x.copy(order="K")
-        try:
-            self.newton(load).find(np.inf, self.state.x_start, quick=True)
-            return True
-        except NoConvergence:
-            return False
-        finally:
-            self.state.x[:] = x
-
     def responses(self, load: np.ndarray) -> Callable[[np.ndarray], tuple[Any, ...]]:
         """Return a function that computes the response to a change (m,) [m] of unstressed lengths.
 

@@ -18,13 +18,11 @@ from netfall.job.values import format_list
 from netfall.loads.removal import RemovalStep, is_unsupported, make_removals
 from netfall.model.actions import StaticLoad
 from netfall.model.model import Model
-from netfall.physics.fields import FIELDS
 from netfall.physics.state import State, restore_saved, save_state
 from netfall.results import warning_text
 from netfall.results.datasets import BEYOND_LIMIT_POINT, EQUILIBRIUM, NO_EQUILIBRIUM, UNSTABLE
 from netfall.statics.newton import STABLE
 
-PARTICLE_FIELDS = {each.name for each in FIELDS if each.entity == "particle"}  # the others belong to elements
 MAX_REMOVAL_ITERATIONS = 100_000  # after which the damaged net counts as having no equilibrium
 
 
@@ -43,45 +41,18 @@ class RemovalOutcome(NamedTuple):
 
 @dataclass
 class RemovalEquilibria:
-    """Equilibria before and after member removals, so far.
+    """Equilibria before and after member removals.
 
-    best : the state in the last equilibrium, as of `save_state`; total : iterations so far
-    outcomes : one after each removal so far
-    tension : (m, 2) on rank 0, before any removal and after each so far: axial force [N] and the larger
+    outcomes : one after each removal; lines : to print
+    tension : (m, 2) on rank 0, before any removal and after each: axial force [N] and the larger
     bending moment [N m] of both ends; nan: no equilibrium was found, or no bending
-    displacement : (n, 3) [m] on rank 0, after each removal so far; nan: no equilibrium, or a removed node
+    displacement : (n, 3) [m] on rank 0, after each removal; nan: no equilibrium, or a removed node
     """
 
-    best: dict[str, np.ndarray]
-    total: int = 0
     outcomes: list[RemovalOutcome] = field(default_factory=list)
+    lines: list[str] = field(default_factory=list)
     tension: list[np.ndarray | None] = field(default_factory=list)
     displacement: list[np.ndarray | None] = field(default_factory=list)
-
-    def record(self, problem: Problem) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Return the record that `restore` needs; arrays by global numbers on rank 0. Collective."""
-        small = {"total": self.total, "outcomes": self.outcomes}
-        arrays = {"tension": np.array(self.tension), "displacement": np.array(self.displacement)}
-        for name, rows in self.best.items():
-            is_of_particles = name in PARTICLE_FIELDS
-            gather = problem.distribution.gather_particles if is_of_particles else problem.gather_elements
-            if (values := gather(rows)) is not None:  # on rank 0
-                arrays[name] = values
-        return small, arrays if problem.model else {}
-
-    def restore(self, problem: Problem, small: dict[str, Any], arrays: dict[str, np.ndarray] | None) -> None:
-        """Restore the record of an earlier run. arrays : on rank 0. Collective."""
-        self.total = small["total"]
-        self.outcomes = [RemovalOutcome(state, tuple(elements)) for state, elements in small["outcomes"]]
-        self.tension = list(arrays["tension"]) if arrays else [None] * (1 + len(self.outcomes))
-        self.displacement = list(arrays["displacement"]) if arrays else [None] * len(self.outcomes)
-        distribution = problem.distribution
-        self.best = {
-            name: (distribution.particles if name in PARTICLE_FIELDS else distribution.elements)(
-                arrays[name] if arrays else None
-            )
-            for name in self.best
-        }
 
 
 def required(job: Job) -> bool:
@@ -94,13 +65,14 @@ def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outc
 
     The result is a `RemovalEquilibria`, None if nothing is removed within the duration. Each search starts
     from the initial state of the dynamic stage, with the removals so far. All constant loads and the mean
-    wind act. The state is restored at the end.
+    wind act. The state is restored at the end. A run that was interrupted repeats all searches.
     """
     removals = planned_removals(problem)
     if context.saver.is_completed(NAME) or not removals:
         return Outcome()
     with context.phases.phase("statics"):
-        return Outcome(find_removal_equilibria(problem, context, removals))
+        search = find_removal_equilibria(problem, context, removals)
+    return Outcome(search, search.lines)
 
 
 def planned_removals(problem: Problem) -> list[RemovalStep]:
@@ -121,17 +93,13 @@ def find_removal_equilibria(
     reference = reference_force(problem, StaticLoad("removal", "", first_load))
 
     N = state.present_element_state().N
-    search = RemovalEquilibria(start, tension=[problem.gather_elements(_forces_and_moments(state, N))])
-    record = context.saver.resumed_record(NAME)
-    if record is not None:  # an earlier run was interrupted in this stage
-        search.restore(problem, *record)
+    search = RemovalEquilibria(tension=[problem.gather_elements(_forces_and_moments(state, N))])
+    best = start  # the state in the last equilibrium
     removed_rows = np.zeros(0, np.int64)  # of the elements removed so far
     for k, (removed, is_loose) in enumerate(zip(removals, unsupported)):
         rows = rows_of(distribution.subdomain.element_gid, removed.elements)
         removed_rows = np.concatenate([removed_rows, rows[rows >= 0]])
-        if k < len(search.outcomes):
-            continue
-        restore_saved(state, search.best)
+        restore_saved(state, best)
         load = distribution.particles(loads[k + 1] if loads else None)
         title = f"the net without {removed_names(problem.job, removed)}"
         tension, outcome = np.full((state.m, 2), np.nan), RemovalOutcome(NO_EQUILIBRIUM)
@@ -140,16 +108,14 @@ def find_removal_equilibria(
             load_case = StaticLoad("removal", title, load, 1.0, weights=permanent_weight_factor(problem.job))
             try:
                 with problem.finder.without_elements(removed_rows):
-                    tension, outcome, lines, iterations = _removal_equilibrium(
+                    tension, outcome, lines = _removal_equilibrium(
                         problem, load_case, reference, context.stop
                     )
             except StopRequested:
                 restore_saved(state, start)
-                records = {NAME: search.record(problem)}
-                raise interrupted(problem, context, NAME, title, search.total, records) from None
-            search.total += iterations
-            search.best = save_state(state) if outcome.state == EQUILIBRIUM else search.best
-        context.progress.say(*lines)
+                raise interrupted(problem, context, NAME, title, 0) from None
+            best = save_state(state) if outcome.state == EQUILIBRIUM else best
+        search.lines += lines
         search.outcomes.append(outcome)
         search.tension.append(problem.gather_elements(tension))
         has_equilibrium = outcome.state in (EQUILIBRIUM, "breaks")
@@ -165,27 +131,27 @@ def find_removal_equilibria(
 
 def _removal_equilibrium(
     problem: Problem, load_case: StaticLoad, reference: float, stop: StopFlag
-) -> tuple[np.ndarray, RemovalOutcome, list[str], int]:
+) -> tuple[np.ndarray, RemovalOutcome, list[str]]:
     """Find the equilibrium after a member removal. Collective.
 
-    Returns forces and moments (m, 2) of this rank's elements, as of `RemovalEquilibria`, the outcome, lines
-    (all on rank 0), and iterations.
+    Returns forces and moments (m, 2) of this rank's elements, as of `RemovalEquilibria`, the outcome, and
+    lines (all on rank 0).
     """
     outcome = solve_equilibrium(problem, load_case, reference, stop, MAX_REMOVAL_ITERATIONS)
     what, equilibrium, unknown = load_case.title, outcome.equilibrium, np.full((problem.state.m, 2), np.nan)
     if not outcome.carries:
         without = messages.REMOVAL_WITHOUT_EQUILIBRIUM
         line = failure_text(without, what, outcome, messages.UNDECIDED_CASE)
-        return unknown, RemovalOutcome(outcome.state), [line], MAX_REMOVAL_ITERATIONS
+        return unknown, RemovalOutcome(outcome.state), [line]
     solution, model, lines = equilibrium.solution, problem.model, []
     if solution.unstable_at != STABLE and model:
         lines.append(unstable_warning(what, solution.unstable_at, model.net.node_id))
     if solution.unstable_at >= 0:
-        return unknown, RemovalOutcome(UNSTABLE), lines, solution.iterations
+        return unknown, RemovalOutcome(UNSTABLE), lines
     if outcome.limit is not None:
         node = model and model.net.node_id[outcome.limit.particle]
         lines.append(limit_warning(load_case, outcome.limit, node))
-        return unknown, RemovalOutcome(BEYOND_LIMIT_POINT), lines, solution.iterations
+        return unknown, RemovalOutcome(BEYOND_LIMIT_POINT), lines
     errors = warning_text.error_text(solution.displacement_error, solution.tension_error)
     lines.insert(0, f"{what}: {errors}; {equilibrium.slack} of {problem.distribution.m} elements slack")
     lines += warning_text.force_balance_warnings([(what, equilibrium.balance.unexplained)])
@@ -199,7 +165,7 @@ def _removal_equilibrium(
     exceeded = equilibrium.at_limit.get("over_strength", ())
     removal_outcome = RemovalOutcome("breaks" if exceeded else EQUILIBRIUM, exceeded)
     forces = _forces_and_moments(problem.state, equilibrium.snapshot.N)
-    return forces, removal_outcome, lines, solution.iterations
+    return forces, removal_outcome, lines
 
 
 def _forces_and_moments(state: State, N: np.ndarray) -> np.ndarray:

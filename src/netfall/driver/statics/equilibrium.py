@@ -21,7 +21,6 @@ from netfall.job.derived import breaks_equilibrium, load_settings
 from netfall.model.actions import StaticLoad
 from netfall.parallel.agree import union_of_ranks
 from netfall.physics.state import restore_saved, save_state
-from netfall.results.checkpoint import Record
 from netfall.results.datasets import EQUILIBRIUM, NO_EQUILIBRIUM, UNDECIDED, UNSTABLE
 from netfall.results.warning_text import INSTABILITY_TEXT
 from netfall.statics import limit_load, relaxation, work_control
@@ -43,20 +42,12 @@ ALWAYS_FOLLOWED = (*LIMIT_LOAD_KINDS, "stage")
 SEPARATE = ("case", "combination")
 
 
-def interrupted(
-    problem: Problem,
-    context: RunContext,
-    stage: str,
-    title: str,
-    step: int,
-    records: dict[str, Record] | None = None,
-) -> Interrupted:
+def interrupted(problem: Problem, context: RunContext, stage: str, title: str, step: int) -> Interrupted:
     """Save a checkpoint and return the error of a run that was stopped in an equilibrium. Collective.
 
-    The state is that before the equilibrium, which the resumed run repeats.
-    step : iterations of the earlier equilibria; records : of the stage, by name
+    The state is that before the equilibrium, which the resumed run repeats. step : number in the file name
     """
-    return interruption_error(f"in statics, {title}", context.saver.save(stage, step, problem.state, records))
+    return interruption_error(f"in statics, {title}", context.saver.save(stage, step, problem.state))
 
 
 def reference_force(problem: Problem, last: StaticLoad) -> float:
