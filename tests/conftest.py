@@ -173,9 +173,9 @@ def run_on_standing_ranks(*arguments, ranks=1, cwd=None, timeout=300, environmen
 def standing_runs_of_python():
     """Let `netfall.run` use ranks that persist, instead of processes that it starts."""
 
-    def run(place, settings, ranks, quiet):
+    def run(job, output, folder, settings, ranks, quiet):
         words = [word for setting in settings for word in ("--set", setting)]
-        run_on_standing_ranks("run", place.job, *words, "-o", place.output, "--quiet", ranks=ranks)
+        run_on_standing_ranks("run", job, *words, "-o", output, "--quiet", ranks=ranks)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("netfall.api.run._run_in_processes", run)

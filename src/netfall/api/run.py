@@ -12,7 +12,7 @@ import sys
 import tempfile
 import warnings
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from netfall.api import messages
 from netfall.api.net import Net
@@ -54,9 +54,19 @@ def run(
         raise InputError(messages.WRONG_RANKS(ranks=ranks))
     if under_mpirun():
         raise InputError(messages.UNDER_MPIRUN())
-    with _RunFiles(job, output) as place:
-        _run_in_processes(place, settings, ranks or 1, quiet)
-        result = place.result()
+    folder = _temporary_folder()  # of a job that is a dict, and of a result without output
+    try:
+        path = _job_file(job, Path(folder.name)) if isinstance(job, dict) else Path(job)
+        place = Path(folder.name, f"{path.stem}.vtkhdf") if output is None else Path(output)
+        _run_in_processes(path, place, folder.name, settings, ranks or 1, quiet)
+        result = Result(place)
+    except BaseException:
+        folder.cleanup()
+        raise
+    if output is None:
+        result._keeps = folder  # removed with the result
+    else:
+        folder.cleanup()
     try:
         for line in result.warnings if quiet else ():
             warnings.warn(line.removeprefix("warning: "), stacklevel=3)
@@ -77,50 +87,12 @@ def under_mpirun() -> bool:
     return next(iter(sizes.values())) > 1 if sizes else bool(launcher_variables(RANKS))
 
 
-class _RunFiles:
-    """The files of a run. A temporary folder is removed with the result that it contains, or after the run.
-
-    job : path of the job file; output : path of the result file
-    """
-
-    def __init__(self, job: str | Path | dict[str, Any], output: str | Path | None):
-        """job : a path, or a dict to write to a file; output : None for a temporary result"""
-        self.keep = output is not None
-        self.folder = _temporary_folder() if output is None or isinstance(job, dict) else None
-        try:
-            self.job = _job_file(job, Path(self.prefix)) if isinstance(job, dict) else Path(job)
-        except BaseException:
-            if self.folder:
-                self.folder.cleanup()
-            raise
-        self.output = Path(self.prefix, f"{self.job.stem}.vtkhdf") if output is None else Path(output)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if self.folder is not None and (self.keep or kind is not None):
-            self.folder.cleanup()
-
-    def result(self) -> Result:
-        """Return the result, which owns the folder if the file is in it."""
-        result = Result(self.output)
-        result._keeps = None if self.keep else self.folder
-        return result
-
-    @property
-    def prefix(self) -> str:
-        """Prefix of the names of files in the folder."""
-        return f"{self.folder.name}{os.sep}" if self.folder else ""
-
-
-def _as_given(prefix: str, lines: list[str]) -> list[str]:
-    """Return messages without the name of a temporary folder; the job file of a dict is then `job`.
+def _as_given(folder: str, lines: list[str]) -> list[str]:
+    """Return messages without the name of the temporary folder; the job file of a dict is then `job`.
 
     Mentions of its checkpoints are left out, since they are removed with the folder.
     """
-    if not prefix:
-        return lines
+    prefix = f"{folder}{os.sep}"
     checkpoint = " " + LAST_CHECKPOINT.format(path=re.escape(prefix) + r".+\.h5")
     lines = [re.sub(checkpoint, "", line) for line in lines]
     return [line.replace(f"{prefix}{JOB_FILE}", "job").replace(prefix, "") for line in lines]
@@ -164,11 +136,17 @@ def _with_absolute_paths(value: Any, key: Any = "") -> Any:
     return value
 
 
-def _run_in_processes(place: _RunFiles, settings: list[str], ranks: int, quiet: bool) -> None:
-    """Run a job in other processes. Raises the command's error, KeyboardInterrupt after a checkpoint."""
+def _run_in_processes(
+    job: Path, output: Path, folder: str, settings: list[str], ranks: int, quiet: bool
+) -> None:
+    """Run a job in other processes. Raises the command's error, KeyboardInterrupt after a checkpoint.
+
+    folder : temporary; a result in it is not kept
+    """
+    keeps = output.parent != Path(folder)
     launcher, options = default_launcher() if ranks > 1 else "", ["--quiet"] if quiet else []
     command = run_command(
-        launcher, ranks, place.job, place.output, settings, *options, module="netfall.driver.child_process"
+        launcher, ranks, job, output, settings, *options, module="netfall.driver.child_process"
     )
     interrupt = None
     with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as complaints:
@@ -194,13 +172,13 @@ def _run_in_processes(place: _RunFiles, settings: list[str], ranks: int, quiet: 
         lines = [line for line in complaints.read().splitlines() if line.strip()]
     stopped = process.returncode == Interrupted.exit_code
     if interrupt:
-        if isinstance(interrupt, KeyboardInterrupt) and place.keep and stopped:
+        if isinstance(interrupt, KeyboardInterrupt) and keeps and stopped:
             raise KeyboardInterrupt("\n".join(lines)) from None
         raise interrupt
-    if stopped and not place.keep:
+    if stopped and not keeps:
         raise Interrupted(messages.NO_CHECKPOINT())
     if process.returncode:
-        raise _error(process.returncode, _as_given(place.prefix, lines), command)
+        raise _error(process.returncode, _as_given(folder, lines), command)
     if lines:
         print("\n".join(lines), file=sys.stderr)
 
