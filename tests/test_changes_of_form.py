@@ -293,7 +293,7 @@ def test_a_table_of_speeds_begins_at_its_mean():
     """The ramp applies to the difference from the mean. A table that begins before 0 s may act at once."""
     rows = [(-0.5, 10.0), (0.5, 30.0), (4.0, 18.0)]
     samples = [(time, np.array([speed])) for time, speed in rows]
-    of = SimpleNamespace(mean_gust=np.array([20.0]), recursion=None, sample=samples.__getitem__)
+    of = SimpleNamespace(mean_gust=np.array([20.0]), sample=samples.__getitem__)
     grown, speeds = GrowingGusts(of, 2.0), []
     for _ in rows:
         speeds += [(t, float(u[0])) for t, u in grown.next()]

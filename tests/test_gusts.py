@@ -1,6 +1,5 @@
 """Gusts: spectra, variance, coherence, direction, and seeds."""
 
-import copy
 import itertools
 import math
 from dataclasses import replace
@@ -349,20 +348,6 @@ def test_turbulence_intensity_gives_the_drag_coefficient():
     for given in {"turbulence_intensity": 0.18}, {"surface_drag": 0.18**2 / 6}:
         assert make_gust(settings(speed=40.0, **given)).deviation == pytest.approx(0.18 * 40)
     assert make_gust(settings(speed=40.0, turbulence_intensity=0.0)) is None
-
-
-def test_a_recursion_resumes_from_its_record():
-    """All bits are equal, within a block of noise and at its border, in a recursion at another step."""
-    model = model_of(0.2, POINTS[:4])[1]
-    for stop in (64, 100):
-        whole, first, later = (GustRecursion(model, 7) for _ in range(3))
-        expected = [whole.advance() for _ in range(stop + 80)][stop:]
-        for _ in range(stop):
-            first.advance()
-        record = copy.deepcopy(first.record())
-        later.advance()
-        later.restore(*record)
-        assert (np.array([later.advance() for _ in range(80)]) == np.array(expected)).all()
 
 
 # --- walls and tall nets

@@ -33,7 +33,6 @@ def test_samples_are_the_rows_from_time_zero(files, name):
         time, value = history.sample(k)
         assert time == TIME[zero + k] and (value == VALUES[zero + k]).all()
     assert history.sample(5000)[0] == TIME[-1]
-    assert history.recursion is None
     fine = np.linspace(0, 9, 90_001)  # multiples of the samples' times
     mean = np.trapezoid(np.interp(fine, TIME, VALUES[:, 0]), fine) / 9
     assert np.allclose(history.mean_gust, mean * np.array([1.0, -2.0, 0.5]), rtol=1e-9)

@@ -170,8 +170,6 @@ class Simulation(Stepper):
     def register(self) -> None:
         """Register all changing data for checkpoints and restore them in a resumed run. Collective."""
         saver = self.saver
-        if self.wind:
-            saver.register("wind", self.wind.record, self.wind.restore, everywhere=True)
         if self.removal:
             restore = partial(self.removal.restore, self.redistribute)
             saver.register("removal", self.removal.record, restore)
@@ -253,7 +251,7 @@ class Simulation(Stepper):
         return small, {}
 
     def restore(self, small: dict[str, Any], _: dict[str, Any] | None) -> None:
-        """Restore the record of an earlier run and its loads."""
+        """Restore the record of an earlier run; the loads advance from their first samples."""
         for name in RECORDED:
             setattr(self, name, small[name])
         self.n, self.rows.last[:] = small["step"], small["envelope_step"]

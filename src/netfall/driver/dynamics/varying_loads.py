@@ -8,7 +8,6 @@ between samples add to `load_before` and `load_after`; the wind has separate fie
 import math
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -225,20 +224,6 @@ class WindLoad(VaryingLoad):
         """Return the time [s] of the sample after it."""
         time = self.samples[self.k + 1][0]
         return time if time > self.before else math.inf
-
-    def record(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Return the record that `restore` needs; the history's state on rank 0."""
-        small, arrays = self.history.record() if self.history else ({}, {})
-        time, gust = np.array([t for t, _ in self.samples]), np.array([g for _, g in self.samples])
-        return {"k": self.k, "history": small}, arrays | {"time": time, "gust": gust}
-
-    def restore(self, small: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
-        """Restore the record of an earlier run; arrays : on every rank."""
-        arrays = dict(arrays)
-        self.k = int(small["k"])
-        self.samples = [(float(t), g) for t, g in zip(arrays.pop("time"), arrays.pop("gust"))]
-        if self.history:
-            self.history.restore(small["history"], arrays)
 
     def record_until(self, time: float) -> tuple[np.ndarray, np.ndarray]:
         """Return times (t,) [s] and gusts (t, c) [m/s] of the samples to the first at or after a time [s]."""

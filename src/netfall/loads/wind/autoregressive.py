@@ -303,14 +303,6 @@ class GustRecursion:
         while self.step < 0:
             self.apply_noise(self.noise(self.step)[: -self.step])
 
-    def record(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Return the state for `restore`: numbers and arrays."""
-        return {"step": self.step}, {"past": self.past}
-
-    def restore(self, numbers: dict[str, Any], arrays: dict[str, Any]) -> None:
-        """Restore the state of an earlier run."""
-        self.past[:], self.step = arrays["past"], int(numbers["step"])
-
     def noise(self, step: int) -> np.ndarray:
         """Return standard normal numbers (s, c) of a step and the later steps of its block."""
         block, row = divmod(step, NOISE_BLOCK)

@@ -242,7 +242,6 @@ class GrowingGusts:
     def __init__(self, history: GeneratedHistory | TableHistory, ramp: float):
         """history : `GeneratedHistory`, `TableHistory`; ramp : [s], 0: no growth"""
         self.history = history
-        self.recursion = history.recursion  # complete state of the history; None: it has no state
         self.ramp = ramp if ramp > 0.0 else -math.inf  # a table may have times before 0
         self.count = 0  # samples taken from the history
         self.last = (0.0, history.mean_gust)  # latest of these
@@ -272,18 +271,6 @@ class GrowingGusts:
         times, gusts = map(np.array, zip(*samples))
         count = int(np.searchsorted(times, end)) + 1
         return times[:count], gusts[:count]
-
-    def record(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Return the state for `restore`: numbers and arrays."""
-        numbers, arrays = self.recursion.record() if self.recursion else ({}, {})
-        own = {"count": self.count, "last_time": self.last[0]}
-        return numbers | own, arrays | {"last_gust": self.last[1]}
-
-    def restore(self, numbers: dict[str, Any], arrays: dict[str, Any]) -> None:
-        """Restore the state of an earlier run."""
-        self.count, self.last = int(numbers["count"]), (float(numbers["last_time"]), arrays["last_gust"])
-        if self.recursion:
-            self.recursion.restore(numbers, arrays)
 
 
 MAX_COMPARED_NODES = 200  # largest number of nodes whose pairs are compared

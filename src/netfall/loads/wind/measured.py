@@ -95,8 +95,6 @@ class TableHistory:
     mean_gust : (c,), the mean over the duration
     """
 
-    recursion = None  # no state, because a row depends only on its number
-
     def __init__(
         self,
         time: FloatArray,
