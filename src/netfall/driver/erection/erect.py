@@ -44,12 +44,11 @@ MOST_TURNS = 40  # iterations of the loads of a stage; each reduces their change
 class Erection:
     """Progress of an erection.
 
-    done : stages; x : (n, 3) [m] and setting after the last of them, on rank 0, None before the first
+    x : (n, 3) [m] and setting after the last stage so far, on rank 0, None before the first
     sections : datasets by group of the file, on rank 0; labels : attributes of these, elements by global
         numbers; lines : to print; failed : reason why no further stage follows, "": one may follow
     """
 
-    done: int = 0
     x: np.ndarray | None = None
     setting: StageSetting | None = None
     sections: dict[str, dict[str, np.ndarray]] = field(default_factory=dict)
@@ -75,7 +74,7 @@ def erect(problem: Problem, stop: StopFlag) -> Erection:
         title, weights = f"stage {stage.name}", permanent_weight_factor(problem.job)
         load_case = StaticLoad("stage", title, load, 1.0, stage.name, weights=weights, before=before)
         outcome, setting = _equilibrium(problem, load_case, setting, stop)
-        _record_stage(problem, erection, setting, outcome, load)
+        _record_stage(problem, erection, stage, setting, outcome, load)
         x = erection.x
         if not outcome.carries:
             erection.failed = failure_text(messages.STAGE_WITHOUT_EQUILIBRIUM, title, outcome)
@@ -171,15 +170,15 @@ def _with_slipped_lengths(problem: Problem, setting: StageSetting | None) -> Sta
 def _record_stage(
     problem: Problem,
     erection: Erection,
+    stage: Stage,
     setting: StageSetting | None,
     outcome: StaticOutcome,
     load: np.ndarray,
 ) -> None:
-    """Record the result of the next stage and its messages; load : (n, 3) [N] of it. Collective."""
-    state, equilibrium, model = problem.state, outcome.equilibrium, problem.model
-    stage, before = problem.job.stages[erection.done], erection.x
+    """Record the result of a stage and its messages; load : (n, 3) [N] of it. Collective."""
+    state, equilibrium, model, before = problem.state, outcome.equilibrium, problem.model, erection.x
     x = problem.distribution.gather_particles(state.x)
-    erection.done, erection.x, erection.setting = erection.done + 1, x, setting
+    erection.x, erection.setting = x, setting
     N = problem.gather_elements(equilibrium.snapshot.N)
     moments = None
     if state.joints is not None:
