@@ -12,6 +12,7 @@ import pytest
 from conftest import (
     ENVIRONMENT,
     ROOT,
+    StopAfter,
     assert_same_results,
     refused,
     run_on_standing_ranks,
@@ -19,6 +20,8 @@ from conftest import (
     wait_for,
 )
 from kill_runs import JOB, changed, repeat_runs_with_kills
+
+from netfall.core.errors import Interrupted
 
 CALM = changed(checkpoint_interval=0)
 KILLS = int(os.environ.get("NETFALL_KILLS", "20"))  # of the long story
@@ -241,6 +244,16 @@ def test_a_pause_in_a_form_that_carries_its_load_changes_no_bit(workshop, after)
     text = PAUSED.replace("modulus_factor = 0", 'modulus_factor = 0.001\nloads = "permanent"')
     job = workshop.job(text.split("[wind]")[0])
     workshop.assert_pause_changes_no_bit(job, after, "in form finding")
+
+
+def test_a_resumed_run_that_stops_in_form_finding_names_the_checkpoint_that_it_resumed(workshop):
+    """It writes none of its own, since that would begin again."""
+    job = workshop.job(PAUSED)
+    checkpoint, _ = workshop.pause(job, 20)
+    with pytest.raises(Interrupted, match="in form finding or erection") as stopped:
+        workshop.run_here(job, restart=checkpoint, stop=StopAfter(0))
+    assert f"--restart {checkpoint}" in str(stopped.value)
+    assert [*workshop.folder.glob("*checkpoint*")] == [checkpoint]
 
 
 STAND_IN = """#!/usr/bin/env bash

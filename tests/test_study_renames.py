@@ -8,6 +8,7 @@ from study_files import columns, write_study
 from test_study_runs import JOB, write
 
 import netfall
+from netfall.results.checkpoint import FORMAT as CHECKPOINT_FORMAT
 from netfall.results.checkpoint import Checkpoint
 from netfall.results.file import open_result
 from netfall.results.h5 import finish_file
@@ -60,13 +61,13 @@ def test_a_study_of_another_version_is_refused_by_its_name(tmp_path):
     assert refused("study", write(tmp_path), "-o", path, cwd=tmp_path).startswith(f"error: {line}")
 
 
-@pytest.mark.parametrize("version", ["0.5.0", "0.4 or older"])
+@pytest.mark.parametrize("version", ["0.5.0", "0.4 or older", "9.0.0"])
 def test_a_checkpoint_of_another_version_is_refused_by_its_name(tmp_path, version):
-    """Checkpoints of 0.4 have no version; those of 0.5.0 lack yield forces, and peaks between rows."""
+    """Checkpoints of 0.4 have no version. One of the same layout may have another form or erection."""
     path, temporary = tmp_path / "a.checkpoint-5-000000000000.h5", tmp_path / "a.h5"
     with h5py.File(temporary, "w") as file:
-        file.attrs["format"] = 13
-        if version == "0.5.0":
+        file.attrs["format"] = CHECKPOINT_FORMAT if version == "9.0.0" else 13
+        if version != "0.4 or older":
             file.attrs["netfall"] = version
     finish_file(temporary, path, seal=True)
     (error,) = error_lines(Checkpoint, path, "")
