@@ -13,13 +13,10 @@ from nets import problem_of
 from netfall.core.errors import DivergedError
 from netfall.core.progress import Progress
 from netfall.core.timings import NEVER_STOP
-from netfall.driver.problem import equilibria, loaded
 from netfall.driver.run import run_job
-from netfall.driver.statics import equilibrium as settling
 from netfall.driver.statics.stage import StaticPath, find_equilibria
 from netfall.job.read import read_job
 from netfall.statics import interior_point, solver
-from netfall.statics import work_control as limits
 from netfall.statics.limit_load import (
     NO_UTILISATION,
     LimitUtilisation,
@@ -27,8 +24,6 @@ from netfall.statics.limit_load import (
     limit_utilisation_of,
     search_limit,
 )
-from netfall.statics.newton import Newton
-from netfall.statics.solver import EquilibriumFinder
 
 CABLES = """
 [cable]
@@ -166,7 +161,7 @@ def test_the_limit_load_of_a_fan_is_its_plastic_limit_load(workshop, load):
     workshop.solve(PLASTIC.format(steps=1), FAN.format(load=-load), HANGERS, code=3)
     with workshop.open() as f:
         label, tension = dict(f["statics"].attrs), f["statics/tension"][-1]
-    assert label["load_factor"] == pytest.approx(FAN_LIMIT / load, rel=0.01)
+    assert label["load_factor"] == pytest.approx(FAN_LIMIT / load, rel=4e-3)
     assert sorted(label["elements"].tolist()) == [11, 12, 13]
     assert tension[:3] == pytest.approx(YIELD, rel=0.01)
     assert tension[3] == pytest.approx(label["load_factor"] * load, rel=1e-6)
@@ -217,19 +212,6 @@ def test_the_state_at_the_load_carried_is_below_the_limit(workshop, times):
     assert limit_utilisation_of(scene.comm, scene.distribution, scene.state, False).most <= 1.0
 
 
-def by_work(monkeypatch, job, works=True, **instead):
-    """Return the problem and its last row of statics, by work control or by trials, and their work."""
-    trials, between = [], limits.search_limit
-    searched = lambda trial, *more: between(lambda at: trials.append(at) or trial(at), *more)
-    with monkeypatch.context() as only:
-        only.setattr(limits, "search_limit", searched)
-        if not works:
-            only.setattr(EquilibriumFinder, "has_limit_load", lambda own: False)
-        for name, function in (({"limit_by_trials": None} if works else {}) | instead).items():
-            only.setattr(settling.Search, name, function)
-        return *statics_of(job), trials
-
-
 def test_the_search_brackets_the_limit():
     """To 0.4 % of the limit in few trials, for any result of loads beyond it."""
     for power, known in ((1.0, True), (8.0, True), (0.2, True), (1.0, False)):
@@ -239,85 +221,22 @@ def test_the_search_brackets_the_limit():
             factors.append(at)
             most = (at / 0.37) ** power
             beyond = LimitUtilisation(most if known else np.inf, (), "breaks")
-            return Trial(at, at, beyond if most > 1.0 else LimitUtilisation(most))
+            return Trial(at, beyond if most > 1.0 else LimitUtilisation(most))
 
         whole = trial(1.0)
-        low, high = search_limit(trial, Trial(0.0, 0.0, NO_UTILISATION), whole, lambda *ends: None)
-        assert low.at <= 0.37 < high.at and high.at - low.at <= 0.004 * high.at and len(factors) < 20
+        low, high = search_limit(trial, Trial(0.0, NO_UTILISATION), whole, lambda *ends: None)
+        assert low.factor <= 0.37 < high.factor and high.factor - low.factor <= 0.004 * high.factor
+        assert len(factors) < 20
 
 
-@pytest.mark.parametrize("load", [3.03e6, 6e6])
-def test_the_limit_load_of_a_fan_by_work_control(workshop, monkeypatch, load):
-    job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-load), HANGERS)
-    scene, row, trials = by_work(monkeypatch, job)
-    assert row["load_factor"] == pytest.approx(FAN_LIMIT / load, rel=4e-3)
-    assert 0 < len(trials) < 6 and row["residual"] < 1e-6 * YIELD
-    N = scene.state.present_element_state().N
-    assert N[3] == pytest.approx(row["load_factor"] * load, rel=1e-6)
-    assert limit_utilisation_of(scene.comm, scene.distribution, scene.state, False).most <= 1.0
-
-
-def test_work_control_takes_long_steps_near_a_plastic_limit(workshop, monkeypatch):
-    """The residual is at most the rounding of the load's part in single precision."""
-    monkeypatch.setattr(Newton, "allowed_share", lambda own, s: 1.0)
-    job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-6e6), HANGERS)
-    scene, row, _ = by_work(monkeypatch, job)
-    state, load = scene.state, loaded(scene, equilibria(scene)[-1]).load
-    work = limits.WorkControl(scene.finder.newton(0.0 * load), load[: state.n_owned])
-    work.start = state.x_start[: state.n_owned].copy()
-    steps = interior_point.InteriorPoint(work.newton, state, NEVER_STOP, work)
-    for gap in 10.0 ** -np.arange(6.0):
-        before = work.work()
-        work.factor, work.target = row["load_factor"], 0.8 * before
-        steps.restart_near_equilibrium()
-        steps.barrier *= gap
-        steps.step()
-        assert work.work() < before
-
-
-@pytest.mark.parametrize("breaks", [True, False])
-def test_work_control_agrees_with_trials_of_the_load(workshop, monkeypatch, breaks):
-    """A saddle yields until cables break, or without end. Displacements agree as closely as the load."""
-    text = SADDLE.format(steps=1)
-    if not breaks:
-        text = text.replace("fracture_strain = 0.04\n", "").replace("stop_at_strength = true", "")
-    job = workshop.job(text if breaks else text.replace("9000.0", "40000.0"))
-    results = [by_work(monkeypatch, job, works) for works in (True, False)]
-    (_, work, factors), (_, trials, none) = results
-    assert work["load_factor"] == pytest.approx(trials["load_factor"], rel=5e-3)
-    assert 0.1 < work["load_factor"] < 0.9
-    assert 0 < len(factors) < 12 and not none
-    assert work["moved"][0] == pytest.approx(trials["moved"][0], rel=0.05)
-    assert max(work["displacement_error"], work["tension_error"]) < 1e-6
-
-
-def test_relaxation_replaces_both_searches(workshop, monkeypatch):
+def test_relaxation_replaces_the_interior_point_method_in_the_search(workshop, monkeypatch):
     """For the whole load and for shares of it, if steps with tensions as unknowns are too few."""
     job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-6e6), HANGERS)
-    _, exact, _ = by_work(monkeypatch, job)
     relaxed, relax = [], solver.relax
     monkeypatch.setattr(solver, "relax", lambda *to, **more: relaxed.append(1) or relax(*to, **more))
     monkeypatch.setattr(interior_point, "MOST_STEPS", 0)
-    _, row, _ = by_work(monkeypatch, job, limit_by_trials=settling.Search.limit_by_trials)
-    assert relaxed and row["load_factor"] == pytest.approx(exact["load_factor"], rel=5e-3)
-
-
-@pytest.mark.parametrize("looks", [14, 25, 34])
-def test_a_pause_in_work_control_changes_no_bit(workshop, monkeypatch, looks):
-    search = settling.Search
-    monkeypatch.setattr(search, "limit_by_trials", None)
-    entered, limit = [], search.limit_by_work
-    monkeypatch.setattr(search, "limit_by_work", lambda own: entered.append(1) or limit(own))
-    job = workshop.job(SADDLE.format(steps=1))
-    with pytest.raises(DivergedError):
-        workshop.run_here(job, "whole.vtkhdf")
-    entered.clear()
-    checkpoint, _ = workshop.pause(job, looks)
-    assert entered
-    with pytest.raises(DivergedError):
-        workshop.run_here(job, restart=checkpoint)
-    with workshop.open("whole.vtkhdf") as one, workshop.open() as again:
-        assert_same_results(one, again)
+    _, row = statics_of(job)
+    assert relaxed and row["load_factor"] == pytest.approx(FAN_LIMIT / 6e6, rel=5e-3)
 
 
 @pytest.mark.parametrize("looks, ranks", [(8, 2), (16, 2), (23, 1)])

@@ -29,13 +29,7 @@ from netfall.parallel.sums import exact_sums
 from netfall.physics.state import State
 from netfall.statics import messages
 from netfall.statics.bounds import LARGE_SHARE, MOST_STEPS
-from netfall.statics.multigrid.tangent import Tangent
-from netfall.statics.newton import (
-    NEAR_TOLERANCE,
-    Newton,
-    NoConvergence,
-    StartPoint,
-)
+from netfall.statics.newton import NEAR_TOLERANCE, Newton, NoConvergence, StartPoint
 from netfall.statics.relaxation import UnboundedDisplacement
 
 # lowest strain [-] used to choose the initial barrier parameter: the strain of slack cables is not a scale
@@ -59,19 +53,15 @@ class InteriorPoint:
     rows : (k,) the cables in the net
     unknowns : (4, k), the tension N, its distance from the limit, p and q, all [N]
     barrier : barrier parameter [J]
-    control : `work_control.WorkControl` of the load, None: the load is given
     check_limit() : called when the barrier parameter has been reduced at least twice; it may raise
     gradients : iterations so far
     size : of the last step, the larger of the shares of `Newton.step_sizes`
     errors : estimated errors after that step, at least the deviation of tensions from the law
     """
 
-    def __init__(
-        self, newton: Newton, state: State, stop: StopFlag, control: Any = None, check_limit: Any = None
-    ):
+    def __init__(self, newton: Newton, state: State, stop: StopFlag, check_limit: Any = None):
         """Start from the present positions. Collective. Raises NoConvergence if the net has no cables."""
-        self.newton, self.state, self.stop = newton, state, stop
-        self.control, self.check_limit = control, check_limit
+        self.newton, self.state, self.stop, self.check_limit = newton, state, stop, check_limit
         self.steps = self.gradients = 0
         self.rows = rows = np.flatnonzero((state.EA > 0.0) & (state.bar == 0))
         self.owned = own = newton.distribution.subdomain.element_owned[rows]
@@ -111,12 +101,6 @@ class InteriorPoint:
         if self.state.features.strain == "logarithmic":
             return self.EA * (log(L / self.L0) - self.eps_p), self.EA / L
         return self.EA * ((L - self.L0) / self.L0 - self.eps_p), self.EA / self.L0
-
-    def restart_near_equilibrium(self) -> None:
-        """Restart with a small barrier parameter from present positions that are close to an equilibrium."""
-        self.barrier, self.steps = BARRIER_FACTOR**3 * self.energy, 0
-        self.size, self.errors = np.inf, (np.inf, np.inf)
-        self._initialise(self.state.present_element_state().L[self.rows])
 
     def iterate(self, size: float, tolerance: float) -> StartPoint:
         """Take steps until the step size or the estimated error is small enough. Collective.
@@ -158,7 +142,7 @@ class InteriorPoint:
             along = pull * K.direction[:, axis]
             forces = np.concatenate([newton.f[:, axis], np.column_stack([along, -along]).ravel()])
             newton.f[:, axis] = np.bincount(node, forces)
-        s, factor_change, count = self.correction(K, newton.without_held(newton.f[newton.owned]))
+        s, count = newton.solve(K, newton.cycle(K), newton.without_held(newton.f[newton.owned]))
         displacement, changed, change = newton.step_sizes(K, s, state.x_start)
         change = change[rows]
         changes, part = self._changes(aimed - bounded[0] + change, k)
@@ -171,9 +155,7 @@ class InteriorPoint:
         lower = now[0] < now[1]
         now[1, lower] = self.limit[lower] - now[0, lower]
         now[0, ~lower] = self.limit[~lower] - now[1, ~lower]
-        if self.control is not None:
-            self.control.factor += step_share * factor_change
-        elif newton.net.is_unbounded is not None and newton.net.is_unbounded(newton.comm, newton.u):
+        if newton.net.is_unbounded is not None and newton.net.is_unbounded(newton.comm, newton.u):
             raise UnboundedDisplacement(messages.UNBOUNDED_YIELDING())
         size = max(displacement, changed)
         # the distance that remains if step sizes decrease at the same rate, at least the step itself
@@ -205,16 +187,6 @@ class InteriorPoint:
         ratios = np.full_like(changes, np.inf)
         np.divide(-self.unknowns, changes, out=ratios, where=changes < 0.0)
         return changes, ratios.min(0)[self.owned]
-
-    def correction(self, K: Tangent, r: np.ndarray) -> tuple[np.ndarray, float, int]:
-        """Return the correction (n_owned, 3) [m], the change of `control.factor`, and the iterations.
-
-        Collective.
-        """
-        if self.control is not None:
-            return self.control.solve(K, self.newton.cycle(K), r)
-        s, count = self.newton.solve(K, self.newton.cycle(K), r)
-        return s, 0.0, count
 
     def longest_step(self, part: np.ndarray) -> float:
         """Return the largest share of a step that takes only few cables beyond their bounds. Collective.

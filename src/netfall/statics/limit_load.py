@@ -64,13 +64,8 @@ class LimitReached(DivergedError):
 
 
 class Trial(NamedTuple):
-    """Result of a trial of the search for the limit.
+    """Result of a trial of the search for the limit: load factor, and utilisation of the net."""
 
-    at : prescribed quantity, the load factor or the work [J]
-    factor : load factor; utilisation : of the net
-    """
-
-    at: float
     factor: float
     utilisation: LimitUtilisation
 
@@ -80,7 +75,7 @@ class Trial(NamedTuple):
         return self.utilisation.is_sure and self.utilisation.most < np.inf
 
 
-UNLOADED = Trial(0.0, 0.0, NO_UTILISATION)
+UNLOADED = Trial(0.0, NO_UTILISATION)
 
 
 def yield_strains(state: State) -> np.ndarray:
@@ -179,7 +174,7 @@ def search_limit(
 ) -> tuple[Trial, Trial]:
     """Return the trials below and above the limit load factor, no more than `BRACKET_WIDTH` apart.
 
-    trial(at) : solves a trial, from the state of the largest load carried so far
+    trial(factor) : solves a trial, from the state of the largest load carried so far
     low, high : trials below and above the limit
     report(low, high) : receives the bracket of the factor before each trial
 
@@ -191,8 +186,8 @@ def search_limit(
         is_narrow = high.factor - low.factor <= BRACKET_WIDTH * high.factor
         if is_narrow and is_confirmed:
             break
-        report(low.factor, min(high.factor, 1.0))
-        result = trial(high.at if is_narrow else _next_trial(low, high, repeats))
+        report(low.factor, high.factor)
+        result = trial(high.factor if is_narrow else _next_trial(low, high, repeats))
         if result.utilisation.reason:
             is_confirmed = is_narrow or result.is_confirmed
             high, repeats = result, min(repeats, 0) - 1
@@ -216,4 +211,4 @@ def _next_trial(low: Trial, high: Trial, repeats: int) -> float:
     if excess < np.inf:
         reserve, excess = reserve * 0.5 ** max(-repeats - 1, 0), excess * 0.5 ** max(repeats - 1, 0)
         share = min(max(reserve / (reserve + excess), margin), 1.0 - margin)
-    return low.at + share * (high.at - low.at)
+    return low.factor + share * (high.factor - low.factor)

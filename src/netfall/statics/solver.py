@@ -130,10 +130,6 @@ class EquilibriumFinder:
         """
         return self.slips is None and not has_compression(self.comm, self.state)
 
-    def has_limit_load(self) -> bool:
-        """Return whether `work_control` finds limit loads: in nets of cables alone that yield. Collective."""
-        return self._allows_interior_point() and self.state.features.plastic
-
     def _find_directly(
         self, newton: Newton, tolerance: float, stop: StopFlag, check_limit: Callable[[], None] | None
     ) -> Solution:
@@ -150,7 +146,7 @@ class EquilibriumFinder:
             if not has_second:
                 raise
         x[:] = start
-        interior_point, solution = InteriorPoint(newton, state, stop, check_limit=check_limit), None
+        interior_point, solution = InteriorPoint(newton, state, stop, check_limit), None
         for size in STEP_SIZES:
             start_point = interior_point.iterate(size, tolerance)
             if max(interior_point.errors) <= tolerance:

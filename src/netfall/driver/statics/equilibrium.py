@@ -1,7 +1,6 @@
 """Search for one equilibrium of a problem, for its limit load factor, and interruption of the search."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -23,10 +22,10 @@ from netfall.parallel.agree import union_of_ranks
 from netfall.physics.state import restore_saved, save_state
 from netfall.results.datasets import EQUILIBRIUM, NO_EQUILIBRIUM, UNDECIDED, UNSTABLE
 from netfall.results.warning_text import INSTABILITY_TEXT
-from netfall.statics import limit_load, relaxation, work_control
+from netfall.statics import limit_load, relaxation
 from netfall.statics.limit_load import NO_UTILISATION, LimitUtilisation, Trial
 from netfall.statics.limit_point import LimitPoint, LoadPath, has_compression, load_on_path
-from netfall.statics.newton import Newton, NoConvergence, Solution
+from netfall.statics.newton import Newton, Solution
 from netfall.statics.slip import Slips, find_with_slip
 from netfall.statics.solver import Criterion
 
@@ -81,7 +80,7 @@ class Search:
     """Search for the equilibrium under one load; arguments as of `solve_equilibrium`. Methods are collective.
 
     start : the state without the load, as of `save_state`; missing_load : (n, 3) [N], not applied in it
-    seeks_limit : whether to find the limit load factor; has_limit_load : whether work control finds it
+    seeks_limit : whether to find the limit load factor
 
     Methods that search raise StopRequested if the stop flag is set.
     """
@@ -102,7 +101,6 @@ class Search:
         self.iterations = most if max_iterations is None else min(max_iterations, most)
         self.start = save_state(problem.state)
         self.seeks_limit = load_case.kind in LIMIT_LOAD_KINDS
-        self.has_limit_load = self.seeks_limit and self.finder.has_limit_load()
         self.missing_load = np.zeros((0, 3))
 
     def outcome(self) -> StaticOutcome:
@@ -270,8 +268,7 @@ class Search:
         """
         restore_saved(self.state, self.start)
         self.missing_load = self.finder.residual(self.load_case.load)
-        limit = self.limit_by_work() if self.has_limit_load else None
-        share, beyond, equilibrium = limit or self.limit_by_trials(full_load)
+        share, beyond, equilibrium = self.limit_by_trials(full_load)
         if share == 1.0:
             return self.carried_outcome(equilibrium)
         limit_point = None
@@ -290,29 +287,10 @@ class Search:
         text = f"{self.load_case.title}: searching the limit load factor"
         self.finder.report(f"{text}, {low:.3g} to {high:.3g}")
 
-    def limit_by_work(self) -> tuple[Any, ...] | None:
-        """Find the limit load factor by work control.
-
-        Returns the factor, `LimitUtilisation` beyond it, and `Equilibrium`; None: not found.
-        """
-        missing, tolerance = self.missing_load, self.tolerance
-        carried, owned = self.load_case.load - missing, missing[: self.state.n_owned]
-        newton, tolerances = self.finder.newton(carried), (max(tolerance, ROUGH_TOLERANCE), tolerance)
-        try:
-            factor, beyond, interior_point = work_control.limit_load(
-                newton, self.state, owned, self.utilisation, tolerances, self.stop, self.say_bracket
-            )
-            newton = self.finder.newton(carried + factor * missing)
-            solution = newton.solution(interior_point.gradients, interior_point.errors)
-        except NoConvergence:
-            return None
-        if not beyond.reason:
-            return None
-        carried_load = self.load_case.load - (1.0 - factor) * missing
-        return factor, beyond, equilibrium_record(self.problem, solution, carried_load)
-
     def limit_by_trials(self, full_load: LimitUtilisation) -> tuple[float, LimitUtilisation, Equilibrium]:
-        """Find the limit load factor by trials of factors, to a rough tolerance; result as `limit_by_work`.
+        """Find the limit load factor by trials of factors, to a rough tolerance.
+
+        Returns the factor, `LimitUtilisation` beyond it, and `Equilibrium`.
 
         Cables have a unique equilibrium under a load, so a trial may start from the closer end of the
         bracket. If bars carry compression or cables slip with friction, the equilibrium depends on the path,
@@ -335,9 +313,9 @@ class Search:
                 best, equilibrium = (share, save_state(state)), trial_equilibrium
             elif from_above and utilisation.reason == limit_load.BREAKS:
                 above = share, save_state(state)
-            return Trial(share, share, utilisation)
+            return Trial(share, utilisation)
 
-        high = Trial(1.0, 1.0, full_load)
+        high = Trial(1.0, full_load)
         low, high = limit_load.search_limit(trial, limit_load.UNLOADED, high, self.say_bracket)
         restore_saved(state, best[1])
         if low.factor > 0.0:
