@@ -53,15 +53,14 @@ class InteriorPoint:
     rows : (k,) the cables in the net
     unknowns : (4, k), the tension N, its distance from the limit, p and q, all [N]
     barrier : barrier parameter [J]
-    check_limit() : called when the barrier parameter has been reduced at least twice; it may raise
     gradients : iterations so far
     size : of the last step, the larger of the shares of `Newton.step_sizes`
     errors : estimated errors after that step, at least the deviation of tensions from the law
     """
 
-    def __init__(self, newton: Newton, state: State, stop: StopFlag, check_limit: Any = None):
+    def __init__(self, newton: Newton, state: State, stop: StopFlag):
         """Start from the present positions. Collective. Raises NoConvergence if the net has no cables."""
-        self.newton, self.state, self.stop, self.check_limit = newton, state, stop, check_limit
+        self.newton, self.state, self.stop = newton, state, stop
         self.steps = self.gradients = 0
         self.rows = rows = np.flatnonzero((state.EA > 0.0) & (state.bar == 0))
         self.owned = own = newton.distribution.subdomain.element_owned[rows]
@@ -77,7 +76,7 @@ class InteriorPoint:
             raise NoConvergence("there are no cables")
         energies = 0.5 * N * N / self.EA[own] * self.L0[own]
         self.energy = exact_sums(newton.comm, energies)[0] / self.count
-        self.barrier = self.first_barrier = (PLASTIC_BARRIER if yields else ELASTIC_BARRIER) * self.energy
+        self.barrier = (PLASTIC_BARRIER if yields else ELASTIC_BARRIER) * self.energy
         self.size, self.errors = np.inf, (np.inf, np.inf)
         self._initialise(elements.L[rows])
 
@@ -173,8 +172,6 @@ class InteriorPoint:
         is_settled = self.few(np.count_nonzero(unsettled))
         if step_share == 1.0 and displacement < LARGE_SHARE and is_settled:
             self.barrier = max(BARRIER_FACTOR * self.barrier, np.finfo(float).eps * self.energy)
-            if self.check_limit is not None and self.barrier < 2.0 * BARRIER_FACTOR**2 * self.first_barrier:
-                self.check_limit()
 
     def _changes(self, tension_change: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the changes (4, k) of `unknowns` in a step, for changes of tension (k,) [N].

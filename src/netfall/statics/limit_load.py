@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.core.arrays import FloatArray
-from netfall.core.errors import DivergedError
 from netfall.core.functions import lengths
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
@@ -26,8 +25,6 @@ from netfall.physics.supports import project_on_guides
 LIMIT_STRAIN = 1.0
 BRACKET_WIDTH = 0.004  # relative width of the bracket of the limit load factor at the end of the search [-]
 MIN_LOAD_FACTOR = 1e-3  # load factor [-], below which the load counts as not carried at all
-# strain over the fracture strain [-], above which an element also breaks in the equilibrium nearby
-SURE_STRAIN = 5.0
 BREAKS = "breaks"
 UNBOUNDED = "yields without bound, nodes move farther than the net is wide"
 
@@ -38,13 +35,11 @@ class LimitUtilisation(NamedTuple):
     most : largest strain over the limit strain; inf: displacements are unbounded, or there is no equilibrium
     elements : global numbers of the elements beyond the limit, the most strained first
     reason : why the limit is exceeded, as text; "": it is not
-    is_sure : whether this holds in an equilibrium, or no equilibrium exists
     """
 
     most: float = 0.0
     elements: tuple[int, ...] = ()
     reason: str = ""
-    is_sure: bool = True
 
     @property
     def is_decided(self) -> bool:
@@ -55,14 +50,6 @@ class LimitUtilisation(NamedTuple):
 NO_UTILISATION = LimitUtilisation()
 
 
-class LimitReached(DivergedError):
-    """Limit that a load will exceed, as is clear before its equilibrium is found. utilisation : by then"""
-
-    def __init__(self, utilisation: LimitUtilisation):
-        super().__init__(utilisation.reason)
-        self.utilisation = utilisation._replace(is_sure=False)
-
-
 class Trial(NamedTuple):
     """Result of a trial of the search for the limit: load factor, and utilisation of the net."""
 
@@ -71,8 +58,8 @@ class Trial(NamedTuple):
 
     @property
     def is_confirmed(self) -> bool:
-        """Return whether the utilisation is finite and sure."""
-        return self.utilisation.is_sure and self.utilisation.most < np.inf
+        """Return whether the utilisation is finite, so that of an equilibrium."""
+        return self.utilisation.most < np.inf
 
 
 UNLOADED = Trial(0.0, NO_UTILISATION)
@@ -178,8 +165,8 @@ def search_limit(
     low, high : trials below and above the limit
     report(low, high) : receives the bracket of the factor before each trial
 
-    If `high` is not sure, or was unbounded far from equilibrium, it is tried again from nearby. So the last
-    `low` may carry the whole load.
+    If `high` was unbounded far from equilibrium, it is tried again from nearby. So the last `low` may
+    carry the whole load.
     """
     first_high, is_confirmed, repeats = high, high.is_confirmed, 0
     while high.factor > MIN_LOAD_FACTOR and low.factor < 1.0:

@@ -101,24 +101,16 @@ class EquilibriumFinder:
             self.state.EA[rows], self.state.broken[rows] = EA, broken
             self.reset_structure()
 
-    def find(
-        self,
-        load: np.ndarray,
-        criterion: Criterion,
-        stop: StopFlag = NEVER_STOP,
-        check_limit: Callable[[], None] | None = None,
-    ) -> Solution:
+    def find(self, load: np.ndarray, criterion: Criterion, stop: StopFlag = NEVER_STOP) -> Solution:
         """Bring the state to equilibrium under a load (n, 3) [N] of owned and halo particles. Collective.
 
-        stop : stop flag; check_limit : see `InteriorPoint`
-
-        Raises DivergedError if no equilibrium is found, UnboundedDisplacement if there is none, StopRequested
-        if the stop flag is set.
+        Raises DivergedError if no equilibrium is found, UnboundedDisplacement if there is none,
+        StopRequested if the stop flag is set.
         """
         newton, x = self.newton(load), self.state.x
         start = x.copy(order="K")
         try:
-            return self._find_directly(newton, criterion.tolerance, stop, check_limit)
+            return self._find_directly(newton, criterion.tolerance, stop)
         except NoConvergence:
             x[:] = start
         return self._relax(newton, criterion, stop, start)
@@ -130,13 +122,11 @@ class EquilibriumFinder:
         """
         return self.slips is None and not has_compression(self.comm, self.state)
 
-    def _find_directly(
-        self, newton: Newton, tolerance: float, stop: StopFlag, check_limit: Callable[[], None] | None
-    ) -> Solution:
+    def _find_directly(self, newton: Newton, tolerance: float, stop: StopFlag) -> Solution:
         """Find the equilibrium by Newton's method, otherwise by the interior point method. Collective.
 
         The latter's last correction is one of Newton's method if that converges. Raises NoConvergence,
-        StopRequested, UnboundedDisplacement, and what check_limit() raises.
+        StopRequested, UnboundedDisplacement.
         """
         state, x = self.state, self.state.x
         start, has_second = x.copy(order="K"), self._allows_interior_point()
@@ -146,7 +136,7 @@ class EquilibriumFinder:
             if not has_second:
                 raise
         x[:] = start
-        interior_point, solution = InteriorPoint(newton, state, stop, check_limit), None
+        interior_point, solution = InteriorPoint(newton, state, stop), None
         for size in STEP_SIZES:
             start_point = interior_point.iterate(size, tolerance)
             if max(interior_point.errors) <= tolerance:

@@ -1,7 +1,5 @@
 """Search for one equilibrium of a problem, for its limit load factor, and interruption of the search."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from netfall.core.errors import DivergedError, Interrupted, interruption_error
@@ -140,9 +138,7 @@ class Search:
         The state is then the last state of the search. roughly : see `find`
         """
         try:
-            equilibrium = self.find(load, roughly, self.stop_if_breaking if self.seeks_limit else None)
-        except limit_load.LimitReached as reached:
-            return reached.utilisation, None
+            equilibrium = self.find(load, roughly)
         except relaxation.UnboundedDisplacement:
             return self.utilisation(False)._replace(most=np.inf), None
         except DivergedError as error:
@@ -151,37 +147,27 @@ class Search:
         utilisation = NO_UTILISATION if self.load_case.kind == "removal" else self.utilisation()
         return utilisation, None if utilisation.reason else equilibrium
 
-    def find(
-        self, load: np.ndarray, roughly: bool = False, check_limit: Callable[[], None] | None = None
-    ) -> Equilibrium:
+    def find(self, load: np.ndarray, roughly: bool = False) -> Equilibrium:
         """Find the equilibrium, without an update of plastic strains. Raises DivergedError.
 
-        roughly : whether with the tolerance of a trial; check_limit : see `InteriorPoint`
+        roughly : whether with the tolerance of a trial
         """
         iterations, tolerance, name = self.iterations, self.tolerance, self.load_case.title
         if roughly:
             iterations, tolerance = min(MAX_TRIAL_ITERATIONS, iterations), max(ROUGH_TOLERANCE, tolerance)
-        solution = self.solve(load, Criterion(tolerance, self.reference, iterations, name), check_limit)
+        solution = self.solve(load, Criterion(tolerance, self.reference, iterations, name))
         return equilibrium_record(self.problem, solution, load)
 
-    def solve(
-        self, load: np.ndarray, criterion: Criterion, check_limit: Callable[[], None] | None = None
-    ) -> Solution:
+    def solve(self, load: np.ndarray, criterion: Criterion) -> Solution:
         """Bring the state to equilibrium, slips included; arguments as of `EquilibriumFinder.find`."""
 
         def find() -> Solution:
-            return self.finder.find(load, criterion, self.stop, check_limit)
+            return self.finder.find(load, criterion, self.stop)
 
         if self.finder.slips is None:
             return find()
         self.finder.slips.weights = self.load_case.weights
         return find_with_slip(self.finder, find, criterion.tolerance, criterion.name)
-
-    def stop_if_breaking(self) -> None:
-        """Raise LimitReached if an element is certain to break."""
-        utilisation = self.utilisation()
-        if utilisation.reason == limit_load.BREAKS and utilisation.most > limit_load.SURE_STRAIN:
-            raise limit_load.LimitReached(utilisation)
 
     def utilisation(self, breaks: bool | None = None) -> LimitUtilisation:
         """Return the utilisation of the state; breaks : whether fractures count, None: as for the load"""
