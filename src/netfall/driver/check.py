@@ -38,11 +38,9 @@ CHECKPOINT_S, CHECKPOINT_ELEMENT_S = 0.026, 4e-6  # per checkpoint; per element 
 EQUILIBRIUM_S = 1e-4  # per equilibrium and element of a small net; varies with slack and compression
 MIN_LARGE_NET = 2000  # number of particles from which a net counts as large
 STAGE_S, TARGET_EQUILIBRIA = 2.5e-4, 8  # per stage of erection and element; equilibria until targets are met
-LARGE_NET_EQUILIBRIUM_S = 4e-5  # the same of a large net; 4.5e-6 if the tangent predicts the equilibrium
+LARGE_NET_EQUILIBRIUM_S = 4.5e-6  # the same of a large net whose equilibrium the tangent predicts
 RELAXED = "; a stage whose nodes hang far below their taut positions needs relaxation, which takes seconds"
-LARGE_NET = (
-    "; an equilibrium takes a tenth of this time if loads change the net little, more if it is relaxed"
-)
+LARGE_NET = "; slack or yielding nets take up to ten times as long"
 START_S, NET_S = 0.8, 3e-4  # s to start Python and MPI; s per element for net and form
 # Bytes of the result file per particle and per element: of a snapshot; of the connectivity, which a snapshot
 # contains only if elements broke since the last one; of an equilibrium; of datasets that are written once.
