@@ -278,37 +278,30 @@ class Search:
 
         Returns the factor, `LimitUtilisation` beyond it, and `Equilibrium`.
 
-        Cables have a unique equilibrium under a load, so a trial may start from the closer end of the
-        bracket. If bars carry compression or cables slip with friction, the equilibrium depends on the path,
-        so the load only grows.
+        Each starts from the state of the largest load carried so far. So the load only grows: with bars under
+        compression, or friction of cables that slip, the equilibrium depends on the path.
         """
-        state = self.state
-        from_above = self.finder.slips is None and not has_compression(self.comm, state)
-        best, equilibrium = (0.0, self.start), initial_equilibrium_record(self.problem)
-        above: tuple[float, dict[str, np.ndarray]] | None = None
+        state, best, equilibrium = self.state, self.start, initial_equilibrium_record(self.problem)
 
         def load_at(share: float) -> np.ndarray:
             return self.load_case.load - (1.0 - share) * self.missing_load
 
         def trial(share: float) -> Trial:
-            nonlocal best, above, equilibrium
-            is_nearer = above is not None and above[0] - share < share - best[0]
-            restore_saved(state, above[1] if above is not None and is_nearer else best[1])
+            nonlocal best, equilibrium
+            restore_saved(state, best)
             utilisation, trial_equilibrium = self.try_load(load_at(share), roughly=True)
             if trial_equilibrium is not None:
-                best, equilibrium = (share, save_state(state)), trial_equilibrium
-            elif from_above and utilisation.reason == limit_load.BREAKS:
-                above = share, save_state(state)
+                best, equilibrium = save_state(state), trial_equilibrium
             return Trial(share, utilisation)
 
         high = Trial(1.0, full_load)
         low, high = limit_load.search_limit(trial, limit_load.UNLOADED, high, self.say_bracket)
-        restore_saved(state, best[1])
+        restore_saved(state, best)
         if low.factor > 0.0:
             try:
                 equilibrium = self.find(load_at(low.factor))
             except DivergedError:  # the result keeps the estimated error of the trial
-                restore_saved(state, best[1])
+                restore_saved(state, best)
         return low.factor, high.utilisation, equilibrium
 
 
