@@ -58,36 +58,23 @@ class Energies:
 
 @dataclass
 class Snapshot:
-    """The state at a step n for reports: owned particles (rows) and all elements of a rank."""
+    """The state at a step n for reports: owned particles (rows) and all elements of a rank.
+
+    N : axial force (m,) [N]; eps, eps_p : strain, plastic strain (m,); heat : dissipated energy (m,) [J]
+    """
 
     rows: np.ndarray
     observation: energy_check.ObservationArrays
     observed: Any = None
 
+    def __post_init__(self) -> None:
+        now, self.heat = self.observation.now, self.observation.heat
+        self.N, self.eps, self.eps_p = now.N, now.eps, now.eps_p
+
     @property
     def velocity(self) -> np.ndarray:
         """Velocity (r, 3) [m/s]"""
         return self.observation.velocity[:, : len(self.rows)].T
-
-    @property
-    def N(self) -> np.ndarray:
-        """Axial force (m,) [N]"""
-        return self.observation.now.N
-
-    @property
-    def eps(self) -> np.ndarray:
-        """Strain (m,)"""
-        return self.observation.now.eps
-
-    @property
-    def eps_p(self) -> np.ndarray:
-        """Plastic strain (m,)"""
-        return self.observation.now.eps_p
-
-    @property
-    def heat(self) -> np.ndarray:
-        """Dissipated energy (m,) [J]"""
-        return self.observation.heat
 
     @property
     def slack(self) -> int:

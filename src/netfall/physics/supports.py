@@ -51,20 +51,6 @@ def add_spring_forces(
             f_int[p, 1] += turned[p, 2] * (d0[p, 0] - (x[p, 0] - x_start[p, 0]))
 
 
-def spring_forces(x: Any, x_start: Any, spring: Any, d0: Any, turned: Any = None) -> np.ndarray:
-    """Return the forces (n, 3) [N] of the springs on their particles; arguments as in `add_spring_forces`."""
-    elongation = d0 - (x - x_start)
-    force = spring * elongation
-    if turned is not None:
-        add_coupling(turned, elongation, force)
-    return force
-
-
-def add_coupling(turned: Any, u: Any, force: Any) -> None:
-    """Add the x-y coupling stiffness times displacements u (n, 3) [m] to forces (n, 3) [N]."""
-    force[:, :2] += turned[:, 2:] * u[:, 1::-1]
-
-
 def project_on_guides(turned: Any, rows: Any) -> None:
     """Remove from vectors (k, 3) the components along the lines that guide the first k particles."""
     n = turned[: len(rows), :2]

@@ -22,7 +22,7 @@ from netfall.parallel.sums import exact_sums
 from netfall.physics.bending import add_bending_forces, joint_moments
 from netfall.physics.elements import add_axial_forces
 from netfall.physics.state import State
-from netfall.physics.supports import project_on_guides, spring_forces
+from netfall.physics.supports import add_spring_forces, project_on_guides
 from netfall.statics.bounds import NEGLIGIBLE, SUM_ROUNDING
 
 
@@ -103,11 +103,9 @@ def compute_balance(
         project_on_guides(state.turned[rows], guided)
         reaction[:, :2] += np.where(free, total - guided, 0.0)[:, :2]
     if state.features.springs:
-        turned = None if state.turned is None else state.turned[rows]
-        force = spring_forces(
-            state.x[rows], state.x_start[rows], state.spring[rows], state.spring_rest[rows], turned
-        )
-        reaction -= np.where(free, force, 0.0)
+        turned, force = np.zeros((0, 3)) if state.turned is None else state.turned, np.zeros_like(state.x)
+        add_spring_forces(state.x, state.x_start, state.spring, state.spring_rest, turned, force)
+        reaction -= np.where(free, force[rows], 0.0)
     N = snapshot.N[state.owned != 0]
     parts = BalanceTerms(state.x[rows], load[rows], reaction, total - reaction, free.any(1), N, hold)
     return sum_balance(comm, parts, residual, tolerance)

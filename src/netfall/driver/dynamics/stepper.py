@@ -36,7 +36,7 @@ from netfall.physics.law.measures import largest_stiffness
 from netfall.physics.slip.motion import SLIP_STEP_SHARE
 from netfall.physics.stability import Limit
 from netfall.physics.state import State
-from netfall.physics.supports import add_coupling, largest_springs, project_on_guides
+from netfall.physics.supports import largest_springs, project_on_guides
 from netfall.statics.multigrid.tangent import joint_tangent
 
 # relative error bound of omega_max^2 [-] at which the iteration ends; the bound is added, so the limit is
@@ -73,7 +73,7 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
         if s.features.springs:
             force[:] += s.spring * shape
         if s.turned is not None:
-            add_coupling(s.turned, shape, force)
+            force[:, :2] += s.turned[:, 2:] * shape[:, 1::-1]
             project_on_guides(s.turned, force)
         return force[owned] * root[owned]
 
