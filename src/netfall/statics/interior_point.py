@@ -29,7 +29,7 @@ from netfall.parallel.sums import exact_sums
 from netfall.physics.state import State
 from netfall.statics import messages
 from netfall.statics.bounds import LARGE_SHARE, MOST_STEPS
-from netfall.statics.newton import NEAR_TOLERANCE, Newton, NoConvergence, StartPoint
+from netfall.statics.newton import NEAR_TOLERANCE, Newton, NoConvergence
 from netfall.statics.relaxation import UnboundedDisplacement
 
 # lowest strain [-] used to choose the initial barrier parameter: the strain of slack cables is not a scale
@@ -101,8 +101,10 @@ class InteriorPoint:
             return self.EA * (log(L / self.L0) - self.eps_p), self.EA / L
         return self.EA * ((L - self.L0) / self.L0 - self.eps_p), self.EA / self.L0
 
-    def iterate(self, size: float, tolerance: float) -> StartPoint:
+    def iterate(self, size: float, tolerance: float) -> tuple[int, float]:
         """Take steps until the step size or the estimated error is small enough. Collective.
+
+        Returns `gradients` and `size`.
 
         size : of a step that is small enough; 0: only the error counts, as a step may vanish at any barrier
         parameter.
@@ -116,7 +118,7 @@ class InteriorPoint:
                 break
             else:
                 raise NoConvergence(f"{MOST_STEPS} steps were not enough")
-        return StartPoint(self.gradients, self.size)
+        return self.gradients, self.size
 
     @np.errstate(divide="ignore", invalid="ignore")  # a bound may be reached, a length vanish
     def step(self) -> None:

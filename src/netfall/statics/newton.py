@@ -66,16 +66,6 @@ class Solution(NamedTuple):
         return max(self.displacement_error, self.tension_error)
 
 
-class StartPoint(NamedTuple):
-    """Start of Newton's method at a net that another method has brought close to an equilibrium.
-
-    gradients : iterations so far; size : of the last correction, the larger share of `Newton.step_sizes`
-    """
-
-    gradients: int = 0
-    size: float = np.inf
-
-
 class NoConvergence(Exception):
     """Failure of a method to find the equilibrium."""
 
@@ -233,7 +223,7 @@ class Newton:
         tolerance: float,
         start: np.ndarray,
         stop: StopFlag = NEVER_STOP,
-        start_point: StartPoint | None = None,
+        before: tuple[int, float] | None = None,
         quick: bool = False,
     ) -> Solution:
         """Move the net to equilibrium. Collective.
@@ -241,15 +231,15 @@ class Newton:
         tolerance : of the remaining error after the last correction, a share of the largest displacement from
             `start` (n, 3) and of the largest tension
         stop : stop flag
-        start_point : set if another method has brought the net close to an equilibrium, so no correction is
-            too expensive
+        before : iterations of another method that has brought the net close to an equilibrium, and size of
+            its last correction, the larger share of `step_sizes`; no correction is then too expensive
         quick : whether to give up if a correction is too large, because another method is better
 
         Raises NoConvergence, StopRequested if the stop flag is set; the positions are then those of the last
         correction.
         """
         self.begin()
-        K, (total, previous_size) = self.tangent(), start_point or StartPoint()
+        K, (total, previous_size) = self.tangent(), before or (0, np.inf)
         cycle, r = None, self.residual()
         exact = True  # whether the tangent includes compression
         for _ in range(MANY_ITERATIONS):
@@ -259,7 +249,7 @@ class Newton:
             try:
                 s, count = self.solve(K, cycle, r)
             except NoConvergence as error:
-                if quick or (isinstance(error, SlowConvergence) and not start_point):
+                if quick or (isinstance(error, SlowConvergence) and not before):
                     raise
                 if exact and self.comm.allreduce(K.is_softened, MPI.LOR):
                     K, exact = without_compression(K), False

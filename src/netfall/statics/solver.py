@@ -35,14 +35,7 @@ from netfall.statics.limit_point import has_compression
 from netfall.statics.multigrid.cycle import CycleStructure
 from netfall.statics.multigrid.lines import Lines, distribute_lines
 from netfall.statics.multigrid.tangent import Tangent, tangent_of
-from netfall.statics.newton import (
-    MANY_ITERATIONS,
-    NEAR_TOLERANCE,
-    Newton,
-    NoConvergence,
-    Solution,
-    StartPoint,
-)
+from netfall.statics.newton import MANY_ITERATIONS, NEAR_TOLERANCE, Newton, NoConvergence, Solution
 from netfall.statics.relaxation import relax, static_net
 from netfall.statics.slip import Slips
 
@@ -138,12 +131,12 @@ class EquilibriumFinder:
         x[:] = start
         interior_point, solution = InteriorPoint(newton, state, stop), None
         for size in STEP_SIZES:
-            start_point = interior_point.iterate(size, tolerance)
+            before = interior_point.iterate(size, tolerance)
             if max(interior_point.errors) <= tolerance:
                 break
             positions = x.copy(order="K")
             try:
-                solution = newton.find(tolerance, state.x_start, stop, start_point)
+                solution = newton.find(tolerance, state.x_start, stop, before)
                 break
             except NoConvergence:
                 x[:] = positions
@@ -187,7 +180,7 @@ class EquilibriumFinder:
                 continue
             before, positions, total = positions, state.x.copy(order="K"), total + iterations
             try:
-                return newton.find(tolerance, state.x_start, NEVER_STOP, StartPoint(total))
+                return newton.find(tolerance, state.x_start, NEVER_STOP, (total, np.inf))
             except NoConvergence:
                 state.x[:] = positions
             if goal <= final_residual:
