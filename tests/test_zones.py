@@ -252,16 +252,20 @@ def test_subdivision_keeps_the_area_of_zones(workshop, by, parts, roof):
 
 
 @pytest.mark.parametrize("parts", [1, 2, 3, 4])
-def test_subdivision_keeps_zones_beside_given_areas(workshop, parts):
-    """Inner nodes of the row have 1 m2 given, which covers the nearer halves of middle nodes."""
-    nodes, elements = grid(lambda x, y: "row" * (y == 1))
+@pytest.mark.parametrize(
+    "given, row, cut, by_hand",  # area of inner nodes at y = 1, y of the row and of the polygon, areas
+    [(1.0, 1, 1.5, [17.5, 5.0, 2.5]), (3.0, 0, 0.75, [4.25 * 5 + 4 * 1.5, 2.5, 0.25 * 5 + 4 * 0.5])],
+)
+def test_subdivision_keeps_zones_beside_given_areas(workshop, given, row, cut, by_hand, parts):
+    """A given area covers the nearer halves of middle nodes; polygons cut it as they cut these halves."""
+    nodes, elements = grid(lambda x, y: "row" * (y == row))
     inner = {node(x, 1) for x in range(1, SIDE - 1)}
-    rows = [f"{line},{'1.0' if k in inner else ''}" for k, line in enumerate(nodes.splitlines()[1:])]
+    rows = [f"{line},{given if k in inner else ''}" for k, line in enumerate(nodes.splitlines()[1:])]
     nodes = "\n".join(["id,x,y,z,fixed,zone,area", *rows])
-    text = "[load]\nself_weight = false\nsteps = 1\ndead = 200.0\n" + rectangle("rest", 0, 1.5, 5, 5)
+    text = "[load]\nself_weight = false\nsteps = 1\ndead = 200.0\n" + rectangle("rest", 0, cut, 5, 5)
     model = model_of(read_job(workshop.job(STEEL + text, nodes, elements), [f"net.subdivide={parts}"]))
     areas = model.roof.zones.share.T @ model.roof.area
-    assert areas == pytest.approx([17.5, 5.0, 2.5], abs=1e-12)
+    assert areas == pytest.approx(by_hand, abs=1e-12)
 
 
 def test_values_of_zones_replace_those_of_the_section(workshop):

@@ -257,6 +257,8 @@ def _shares(
             of_node[members.ravel()] = k
     if cutter is not None and cut and not parts:
         in_halves = cutter.parts_of_halves(_regions(entries), cutter.share_inside, np.arange(net.n))
+        if net.parts > 1:
+            _gather_at_given_areas(in_halves, ends, net.area, cutter.shares)
         parts = {k: share.ravel() for k, share in in_halves.items()}
     part = np.column_stack([np.zeros((ends.size, 0)), *(np.where(of_node > k, 0.0, parts[k]) for k in parts)])
     whole_zone = of_node.copy()
@@ -270,6 +272,21 @@ def _shares(
     shares, middle = shares.reshape(*ends.shape, -1), np.flatnonzero(has_half_area(net))
     shares[:, middle] = shares[np.isfinite(net.area[ends[0, middle]]).astype(int), middle]  # only this half
     return np.asarray(shares.mean(0))
+
+
+def _gather_at_given_areas(
+    in_halves: dict[int, np.ndarray], ends: np.ndarray, area: np.ndarray, shares: FaceShares
+) -> None:
+    """Replace the shares (h, n) of nodes with a given area (n,) by the mean of the halves around them.
+
+    A given area covers the halves of `subdivide`, which have the areas in plan of `shares`.
+    """
+    nearest, n = ends.ravel(), len(area)
+    plan = np.tile(shares.at_nodes(shares.plan_areas(), n), len(ends))
+    total = np.bincount(nearest, plan, n)
+    given = (area > 0.0) & (total > 0.0)
+    for share in in_halves.values():
+        share[:, given] = np.bincount(nearest, plan * share.ravel(), n)[given] / total[given]
 
 
 def _regions(entries: list[Any]) -> dict[int, Any]:
