@@ -67,15 +67,20 @@ def test_a_form_that_moves_along_a_facade_is_a_warning(workshop):
     assert "28 of 54 nodes moved across [roof] normal by more than 2% of the span of 40 m" in "".join(down)
 
 
-def test_snow_and_dead_load_on_a_facade(workshop):
-    """Snow has no area in plan. Cladding of 0.2 kN/m2 weighs 200 kN."""
+@pytest.mark.parametrize("lean", [0.0, -0.75, 0.75])
+def test_snow_and_dead_load_on_a_facade(workshop, lean):
+    """Cladding of 0.2 kN/m2 weighs 200 kN per 1000 m2. Snow acts on 750 m2 in plan, if they face upwards."""
+    x, *others = facade()
+    x[:, 1] += lean * x[:, 2]
     text = CABLES + "[load]\nself_weight = false\ndead = 200.0\nsnow = 750.0\n" + OUTSIDE
-    model = facade_model(workshop, text)
-    loading = model.loading
-    assert np.allclose(loading.permanent.sum(0), [0.0, 0.0, -200e3]) and not loading.live.any()
-    (note,) = [note for note in model.start_notes if "snow: no effect" in note]
-    assert "the 1000 m2 of roof are vertical" in note
-    model = facade_model(workshop, text.replace("snow = 750.0\n", ""))
+    model = facade_model(workshop, text, (x, *others))
+    loading, snow = model.loading, 750.0 * 750.0 * (lean > 0.0)
+    assert np.allclose(loading.permanent.sum(0), [0.0, 0.0, -200e3 * np.hypot(1.0, lean)])
+    assert np.allclose(loading.live.sum(0), [0.0, 0.0, -snow]) and loading.live.any() == (snow > 0.0)
+    notes = [note for note in model.start_notes if "snow: no effect" in note]
+    shown = f"the {1000.0 * np.hypot(1.0, lean):.4g} m2 of roof are vertical or face downwards"
+    assert [shown in note for note in notes] == [True] * (snow == 0.0)
+    model = facade_model(workshop, text.replace("snow = 750.0\n", ""), (x, *others))
     assert not any("snow" in note for note in model.start_notes)
 
 

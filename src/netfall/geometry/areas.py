@@ -192,7 +192,9 @@ def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> TributaryAreas:
     of_area, of_normal = np.isfinite(area), np.isfinite(net.normal[:, 0])
     # if slopes of faces differ, plan and vector are less than the surface along the mean normal
     of_faces = np.where(surface > 0.0, surface, 1.0)
-    plan_share = np.where(of_normal, np.abs(net.normal[:, 2]), np.where(surface > 0.0, plan / of_faces, 1.0))
+    plan_share = np.where(
+        of_normal, np.maximum(0.0, net.normal[:, 2]), np.where(surface > 0.0, plan / of_faces, 1.0)
+    )
     vector_share = np.where(of_normal[:, None], net.normal, vector / of_faces[:, None])
     surface, plan = np.where(of_area, area, surface), np.where(of_area, area * plan_share, plan)
     vector = np.where((of_area | of_normal)[:, None], surface[:, None] * vector_share, vector)

@@ -159,8 +159,8 @@ class FaceShares(NamedTuple):
         return self.share * self.surface[self.face]
 
     def plan_areas(self) -> np.ndarray:
-        """Return the areas in plan (c,) [m2]."""
-        return self.share * np.abs(self.vector[self.face, 2])
+        """Return the areas in plan (c,) [m2]; zero on the outer side of a facade that faces downwards."""
+        return self.share * np.maximum(0.0, self.vector[self.face, 2])
 
     def vector_areas(self) -> np.ndarray:
         """Return the vector areas (c, 3) [m2]."""

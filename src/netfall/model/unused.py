@@ -190,8 +190,8 @@ def zone_without_area_notes(zones: Zones, area: np.ndarray) -> list[str]:
 
 
 def snow_on_upright_notes(job: Job, roof: RoofAreas) -> list[str]:
-    """Return a note if snow acts on an upright roof, which has no area in plan."""
-    is_upright = roof.area.any() and np.abs(roof.plan_area).sum() <= MAX_UPRIGHT_SHARE * roof.area.sum()
+    """Return a note if snow acts on a roof without area in plan, as an upright one."""
+    is_upright = roof.area.any() and roof.plan_area.sum() <= MAX_UPRIGHT_SHARE * roof.area.sum()
     return [messages.SNOW_ON_UPRIGHT(area=roof.area.sum())] if is_upright and any(job.loads("snow")) else []
 
 
