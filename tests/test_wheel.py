@@ -7,6 +7,8 @@ from nets import pulls
 
 from netfall.geometry.generators.wheel import BRACE, GROUPS, largest_brace_force, wheel
 from netfall.job.keys.net import Wheel
+from netfall.job.read import read_job
+from netfall.model.layout import make_layout
 
 N_SPOKES, R, INNER, HEIGHT, DEPTH = 24, 50.0, 20.0, 6.0, 2.0
 H, T = 5e5, 1e4  # N
@@ -121,6 +123,13 @@ dead = 300.0
 duration = 0.1
 mass_damping = 0.2
 """
+
+
+def test_a_force_of_hoops_without_hoops_is_a_note(workshop):
+    for hoops, notes in ((0, 1), (1, 0)):
+        job = read_job(workshop.job(CHECKED), [f"net.wheel.hoops={hoops}"])
+        text = "".join(make_layout(job, 1).notes)
+        assert text.count("[net.wheel] hoop_force: no effect: with hoops = 0 there are none. [N451]") == notes
 
 
 def test_check_prints_area_mass_and_stability_of_a_wheel(workshop):

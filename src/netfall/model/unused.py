@@ -124,6 +124,9 @@ def _unused_wind_keys(job: Job, breaks: bool) -> list[tuple[Any, ...]]:
 def _unused_section_notes(job: Job, net: Net, given: set[str]) -> Iterator[str]:
     """Yield notes on whole sections without effect."""
     load, wind, on_roof = job.load, job.wind, derived.has_area_loads(job)
+    if job.net.wheel and job.net.wheel.hoop_force and not job.net.wheel.hoops:
+        reason = "with hoops = 0 there are none"
+        yield messages.KEYS_WITHOUT_EFFECT(section="net.wheel", keys="hoop_force", reason=reason)
     if job.limits and not any(combination.kind == "SLS" for combination in job.combinations):
         yield messages.LIMITS_NOT_CHECKED()
     for number, entry in enumerate(job.removes, 1):
