@@ -120,6 +120,10 @@ def relax(
         if rested:  # back to the peak, half a step before the last but one (Barnes 1999), with zero velocity
             np.add(x, 0.5 * f / mass - 1.5 * v, out=x, where=moves)
             v[:] = previous = 0.0
+    net.forces(x, f)
+    residual = comm.allreduce(largest_residual(f, free, n_owned), MPI.MAX)
+    if residual <= tolerance:
+        return max_iterations, residual
     raise DivergedError(
         messages.NOT_CONVERGED(name=name, iterations=max_iterations, residual=residual, tolerance=tolerance)
     )
