@@ -334,6 +334,19 @@ def test_an_element_of_one_stage_has_the_forces_of_that_stage(workshop):
         assert np.abs(of_stage[1] - [-3.0, 0.0, 0.0]).max() < 1e-12  # by `move`
 
 
+def test_an_element_in_no_stage_has_no_force_in_the_report(workshop):
+    """It is in the form alone. Tables have empty cells, and no check passes it."""
+    elements = TWO.rstrip() + "\n3,1,3,stay,4.9\n4,2,3,left_out,4.9\n"
+    text = CABLES + "breaking_load = 1e6\n" + stage("only", active=["left", "right", "stay"])
+    N = workshop.solve(text, NODES, elements)["stages/only/tension"][:]
+    for name in ("elements", "cables"):
+        rows = {row["group"]: row for row in workshop.report().rows(name)}
+        assert float(rows["stay"]["tension_max"]) == pytest.approx(N[2]) and rows["stay"]["case_max"]
+        absent = {key: cell for key, cell in rows["left_out"].items() if key[:4] in ("tens", "case", "util")}
+        absent |= {key: cell for key, cell in rows["left_out"].items() if key.startswith("result")}
+        assert len(absent) >= 7 and set(absent.values()) == {""}, absent
+
+
 def test_cables_of_one_unstressed_length_have_one_mark_whatever_their_force_in_the_last_stage(workshop):
     """Two of 5 m, one support raised by 2 m: their forces, and lengths under these, are not equal."""
     elements = TWO.replace("left", "rope").replace("right", "rope")

@@ -355,6 +355,8 @@ def all_states(f: Any) -> Iterator[StateView]:
 class Envelope:
     """The largest and least tension (m,) [N] of each element, and the stages in which they occur.
 
+    Tensions are nan where an element is absent.
+
     of_most, of_least : (m,) numbers of the stages in `names`; time_of_max : (m,) [s], nan: not in dynamics
     slack, gone : (stages, m) bool; removed or broken elements are gone, not slack; slack_time : (m,) [s]
     high, low : (stages, m) [N], the largest and least tension of each stage
@@ -427,11 +429,10 @@ def compute_envelope(
         added += [of_motion] * (len(names) - len(added))
         high = high + added
         low = low - np.where(f["net/bar"][:] == 1, added, 0.0)
-    most, of_most = largest_over_stages(np.where(forceless, np.nan, high))
-    least = np.fmin.reduce(np.where(forceless, np.nan, low))
-    of_least = largest_over_stages(np.where(forceless, np.nan, -low))[1]
+    high, low = (np.where(forceless, np.nan, N) for N in (high, low))
+    most, of_most = largest_over_stages(high)
+    least, of_least = np.fmin.reduce(low), largest_over_stages(-low)[1]
     time = np.where(np.isnan(most), np.nan, when[of_most, np.arange(len(is_absent))])
-    most, least = np.nan_to_num(most), np.nan_to_num(least)  # nan: absent in all stages
     slack = slack_elements(f, low) & ~failed
     return Envelope(
         names=names,

@@ -283,10 +283,10 @@ def element_columns(
     columns = element_name_columns(f) | {
         "unstressed_length": f["net/unstressed_length"][:],
         "tension_max": envelope.most,
-        "case_max": names[envelope.of_most],
+        "case_max": np.where(np.isnan(envelope.most), "", names[envelope.of_most]),
         "time_max": envelope.time_of_max,
         "tension_min": envelope.least,
-        "case_min": names[envelope.of_least],
+        "case_min": np.where(np.isnan(envelope.least), "", names[envelope.of_least]),
         "slack_in": _slack_stages(envelope.names, envelope.slack),
         "lost_at": removals.removal_times(f),
         "broken_at": removals.fracture_times(f),
@@ -302,7 +302,7 @@ def element_columns(
             f"utilisation_{one.name}": one.utilisation,
             f"result_{one.name}": one.results(),
             f"{one.check.of}_{one.name}": one.force,
-            f"case_{one.name}": names[one.of],
+            f"case_{one.name}": np.where(np.isnan(one.force), "", names[one.of]),
         }
         if one.check.with_moment:
             own[f"moment_{one.name}"] = one.moment
@@ -437,11 +437,12 @@ def unchecked_compression_warnings(
 
     The compression of bending chains is part of their stability, which statics computes.
     """
-    compression = np.where((f["net/bar"][:] == 1) & ~is_bending(f) & ~is_concrete(f), -envelope.least, 0.0)
+    is_checked = (f["net/bar"][:] == 1) & ~is_bending(f) & ~is_concrete(f)
+    compression = np.where(is_checked, np.fmax(-envelope.least, 0.0), 0.0)
     for one in checked:
         if one.check.compression:
             compression[np.isfinite(one.resistance)] = 0.0
-    largest = np.maximum(envelope.most, -envelope.least).max()
+    largest = np.nanmax(np.maximum(envelope.most, -envelope.least))
     missing, worst = compression > NEGLIGIBLE * largest, int(np.argmax(compression))
     if not missing.any():
         return []
@@ -452,7 +453,7 @@ def unchecked_compression_warnings(
 
 def _ranking(utilisation: np.ndarray, N: np.ndarray) -> np.ndarray:
     """Rank elements by utilisation; those without one follow in the order of their forces."""
-    return np.where(np.isnan(utilisation), N / (1.0 + np.abs(N).max()) - 2.0, utilisation)
+    return np.where(np.isnan(utilisation), N / (1.0 + np.nanmax(np.abs(N))) - 2.0, utilisation)
 
 
 def _first_by_cable(key: np.ndarray, cable: np.ndarray) -> np.ndarray:

@@ -44,7 +44,7 @@ def utilisation(f: h5py.File, envelope: Envelope, checked: list[ElementCheck]) -
         reasons = sorted({one.reason for one in shown if one.reason})
         title += f" (NOT VERIFIED: {', '.join(reasons)})" * bool(reasons)
     else:
-        factor, unit = canvas.unit_of(np.abs(envelope.most).max(), "N")
+        factor, unit = canvas.unit_of(np.nanmax(np.abs(envelope.most)), "N")
         every = np.ones(len(envelope.names), bool)
         values = factor * np.where(is_only_compressed(f, envelope, every), np.nan, envelope.most)
         label = f"largest tension [{unit}]; no element has a strength; grey: only compressed"

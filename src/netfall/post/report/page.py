@@ -250,7 +250,8 @@ def _tensions(f: h5py.File, envelope: Envelope, check: ElementCheck) -> list[str
     ids, rows = f["net/element_id"][:], []
     order = np.argsort(-envelope.most, kind="stable")
     worst = order[np.unique(ids[order], return_index=True)[1]]  # part of each subdivided element
-    governs = np.bincount(envelope.of_most[worst], minlength=len(envelope.names))
+    present = worst[~np.isnan(envelope.most[worst])]
+    governs = np.bincount(envelope.of_most[present], minlength=len(envelope.names))
     shares = np.where(envelope.high < 0.0, np.nan, envelope.high) / check.resistance  # not of compression
     for k, name in enumerate(envelope.names):
         known = not np.isnan(shares[k]).all()
