@@ -64,10 +64,11 @@ def test_columns_datasets_and_commands_are_found():
         ("springs", "layer that marks elastic supports"),
         ("limits.group.edge", "# [limits]"),
         ("[wind.zone]", "# [[zone]]"),
+        ("E922", 'expected {each = "element", ...} or {each = "cable", ...}'),
     ],
 )
 def test_other_spellings(topic, text):
-    """Sections in brackets, groups, zones, pages with their path, files, options without dashes, capitals."""
+    """Sections in brackets, groups, zones, pages with their path, files, options, capitals, codes."""
     assert text in find(topic)
 
 

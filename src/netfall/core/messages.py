@@ -47,6 +47,7 @@ def _numbers(values: tuple[float, ...], factor: float, digits: int) -> str:
 
 UNITS: dict[str, Callable[..., str]] = {"kN": kN, "mm": mm, "kN/m2": kN_m2}  # formats of quantities in SI
 COUNTED = "cable", "element", "node", "sample"  # formats of counts: "1 cable", "2 cables"
+SEPARATOR = re.compile(r"\|[-:| ]+\|")  # line of a page between the head of a table and its rows
 SEVERITIES = {"E": "error", "W": "warning", "N": "note"}
 
 
@@ -60,12 +61,21 @@ class _Formatter(Formatter):
         return UNITS[format_spec](value) if format_spec in UNITS else super().format_field(value, format_spec)
 
 
+def tables_of(text: str) -> list[list[list[str]]]:
+    """Return the tables of a page, each with its head as the first row of cells."""
+    tables = []
+    for lines in re.findall(r"(?:^\|.*\n?)+", text, re.M):
+        rows = [line for line in lines.splitlines() if not SEPARATOR.fullmatch(line)]
+        tables.append([[cell.strip() for cell in re.split(r"(?<!\\)\|", row)[1:-1]] for row in rows])
+    return tables
+
+
 @cache
 def _texts() -> dict[str, str]:
     """Return the texts of all messages by code, the last cells of the rows of their page."""
     page = Path(__file__).parents[1] / "docs" / "pages" / "reference" / "messages.md"
-    rows = re.findall(r"^\| `(\w+)` \|.*\| `([^`]+)` \|$", page.read_text(encoding="utf-8"), re.M)
-    return {code: text.replace("\\|", "|") for code, text in rows}
+    _, table = tables_of(page.read_text(encoding="utf-8"))
+    return {code.strip("`"): text[1:-1].replace("\\|", "|") for code, *_, text in table[1:]}
 
 
 @dataclass(frozen=True)

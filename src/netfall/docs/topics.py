@@ -11,6 +11,7 @@ from importlib.resources.abc import Traversable
 from typing import NamedTuple
 
 from netfall.core.errors import InputError
+from netfall.core.messages import tables_of
 from netfall.docs import messages
 
 ALL_PAGES = "pages"  # topic that stands for the list of pages
@@ -19,7 +20,6 @@ MAX_SUGGESTIONS = 5  # names that an unknown topic is answered with
 FIRST_PAGES = ("reference/job/", "reference/", "how-to/")  # of pages with one name, these come first
 NAME = re.compile(r"`([^`]+)`")
 LINK = re.compile(r"\[([^\]]*(?:\[[^\]]*\][^\]]*)*)\]\([^)\s]+\)")
-SEPARATOR = re.compile(r"\|[-:| ]+\|")
 
 
 class Topic(NamedTuple):
@@ -127,15 +127,6 @@ def topics_of(page: str, text: str) -> list[Topic]:
     return topics
 
 
-def tables_of(text: str) -> list[list[list[str]]]:
-    """Return the tables of a text, each with its head as the first row of cells."""
-    tables = []
-    for lines in re.findall(r"(?:^\|.*\n?)+", text, re.M):
-        rows = [line for line in lines.splitlines() if not SEPARATOR.fullmatch(line)]
-        tables.append([[cell.strip() for cell in re.split(r"(?<!\\)\|", row)[1:-1]] for row in rows])
-    return tables
-
-
 def _row_topics(page: str, section: str, table: list[list[str]]) -> list[Topic]:
     """Return a topic for each row whose first cell holds names in code marks."""
     head, *rows = table
@@ -146,8 +137,10 @@ def _row_topics(page: str, section: str, table: list[list[str]]) -> list[Topic]:
         if names:
             full = [f"{section}.{name}" for name in names]
             every = (*full, *(f"{section}/{name}" for name in names), *(name.lstrip("-") for name in names))
-            name = names[0] if page == "reference/messages" else full[0]
-            topics.append(Topic(name, tuple(map(str.lower, every)), page, _row_text(head, [first, *cells])))
+            name, text = full[0], _row_text(head, [first, *cells])
+            if page == "reference/messages":  # templates with literal braces
+                name, text = names[0], text.replace("{{", "{").replace("}}", "}")
+            topics.append(Topic(name, tuple(map(str.lower, every)), page, text))
     return topics
 
 
