@@ -547,6 +547,21 @@ def test_nodes_below_the_profile_of_the_wind_are_named(workshop):
     assert note.startswith("warning: [[case]] west: base_height = 2: nodes in the wind less than 1 m above")
 
 
+@pytest.mark.parametrize(
+    "base, warned", [("430", 1), ("203.5", 1), ("202", 0), ("30000", 1), ('"30000 mm"', 0)]
+)
+def test_a_roof_far_above_ground_is_named_once(workshop, base, warned):
+    """The lowest node in the wind is at z = -3 m: its height is 427 m, 200.5 m, ..."""
+    nodes = "id,x,y,z,fixed\n1,0,0,5,1\n2,2,0,5,1\n3,2,2,-2,0\n4,0,2,-3,0\n"
+    values = f"{{speed = 20, pressure_coefficient = -1, base_height = {base}}}"
+    cases = "".join(f"[[case]]\nname = '{name}'\nset = {{wind = {values}}}\n" for name in ("west", "east"))
+    notes = lines_with(
+        "[W158]", "check", workshop.job(SECTION + cases, nodes, "start,end\n1,2\n2,3\n3,4\n4,1\n")
+    )
+    assert len(notes) == warned
+    assert base != "430" or ("case]] west: base_height = 430: " in notes[0] and "node 4 at 427 m" in notes[0])
+
+
 def test_a_group_with_a_similar_name_of_section_is_named(workshop):
     """Group Mast takes [cable], not [group.mast]; group edge does so on purpose. One warning names all."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n"

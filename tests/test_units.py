@@ -122,18 +122,6 @@ def test_a_displacement_limit_larger_than_the_net_is_a_warning(tables, limit, wa
     assert not warned or "displacement = 400 m: more than the largest dimension of the net (20 m)" in notes[0]
 
 
-@pytest.mark.parametrize("height, warned", [("30000", True), ('"30000 mm"', False), ("-2000", True)])
-def test_an_implausible_base_height_is_a_warning(tables, height, warned):
-    case = '[[case]]\nname = "west"\nset = {"wind.speed" = 9.0, "wind.base_height" = HEIGHT}\n'
-    wind = "[wind]\nspeed = 9.0\nturbulence_intensity = 0.0\npressure_coefficient = -1.0\n"
-    wind += "base_height = HEIGHT\n"
-    text = JOB + wind + case + "[dynamics]\nduration = 0.1\n"
-    tables.write_text(text.replace("HEIGHT", height))
-    warnings = read_job(tables).warnings
-    assert [code_of(line) for line in warnings] == ["W158"] * 2 * warned
-    assert not warned or ("[wind] base_height" in warnings[0] and "[[case]] west:" in warnings[1])
-
-
 def test_each_unit_of_a_key_has_an_example_that_converts():
     """Messages show the example."""
     every = {key.unit for keys in (*TABLES.values(), *LIST_KEYS.values()) for key in keys if key.takes_units}

@@ -100,7 +100,6 @@ def partition(job: Path, overrides: list[str], parts: int) -> None:
     if parts < 1:
         raise InputError(messages.NO_PARTS(parts=parts))
     definition = read_job(job, overrides)
-    print_lines(*definition.warnings)
     net = build_net(definition)
     if parts > net.n:
         raise InputError(messages.TOO_MANY_PARTS(parts=parts, particles=net.n))

@@ -60,7 +60,6 @@ IGNORED_KEYS = {
     "modes": "found from the last equilibrium, for each run",
     "modes.count": "found from the last equilibrium, for each run",
     "zone_rows": "places of values, which stand in the sections",
-    "warnings": "on values, which stand in the sections",
     "wind.seed": "gusts begin where the equilibria end",
     "wind.ramp": "over which the gusts then grow in",
 }

@@ -49,7 +49,6 @@ class Job:
     removes: list[entries.Remove]  # [[remove]]
     targets: list[entries.Target]  # [[target]]
     stages: list[entries.Stage]  # [[stage]]
-    warnings: tuple[str, ...] = ()  # of implausible values
     zone_rows: tuple[tuple[str, str], ...] = ()  # zones of load tables, and the place of each
 
     @property
@@ -91,7 +90,7 @@ class Job:
         Raises InputError for a file that cannot be read.
         """
         # Without the location and the text of the file and the overrides: their values are in the sections.
-        ignored = ("path", "text", "overrides", "warnings", "zone_rows")
+        ignored = ("path", "text", "overrides", "zone_rows")
         names = [field.name for field in fields(self) if field.name not in ignored]
         values = {name: getattr(self, name) for name in names}
         total = hashlib.sha256(json.dumps(values, default=dict, sort_keys=True).encode())

@@ -17,7 +17,6 @@ from netfall.physics.wind_spectra import make_gust
 
 MOST_ROWS = 2e6  # limit of rows; each takes some 500 bytes on every rank
 MAX_WIND_SAMPLES = 1e8  # limit of samples; each takes 8 bytes on every rank
-MAX_BASE_HEIGHT = 1000.0  # m: largest plausible height of a roof above ground
 MAX_GUST_SAMPLES = 24_000  # samples; the gust model then takes seconds to fit
 
 
@@ -41,8 +40,7 @@ def read_job(path: str | Path, overrides: Sequence[str] = (), removes: Sequence[
     job = Job(path, text, tuple(overrides), **sections)
     errors = errors or [f"{path}: {line}" for line in (*_absurd_counts(job), *_slow_gusts(job))]
     raise_errors(errors)
-    job = _with_zone_loads(job)
-    return replace(job, warnings=tuple(_implausible_heights(job)))
+    return _with_zone_loads(job)
 
 
 def _with_zone_loads(job: Job) -> Job:
@@ -121,16 +119,6 @@ def _absurd_counts(job: Job) -> Iterator[str]:
             yield messages.TOO_MANY_ROWS(
                 section=section, key=key, value=value, number=number, rows=noun, limit=limit
             )
-
-
-def _implausible_heights(job: Job) -> Iterator[str]:
-    """Yield a warning for each base height that no site has."""
-    heights = {"[wind] base_height": job.wind.base_height} if job.wind else {}
-    for case in job.cases:
-        heights[f"[[case]] {case.name}: wind.base_height"] = case.set.get("wind.base_height", 0.0)
-    for key, value in heights.items():
-        if abs(value) > MAX_BASE_HEIGHT:
-            yield messages.LARGE_BASE_HEIGHT(path=job.path, key=key, value=value, limit=MAX_BASE_HEIGHT)
 
 
 def _slow_gusts(job: Job) -> Iterator[str]:

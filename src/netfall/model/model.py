@@ -32,7 +32,7 @@ from netfall.loads.wind.field import GeneratedHistory, WindField, force_factor, 
 from netfall.loads.wind.measured import TableHistory
 from netfall.model import messages
 from netfall.model.layout import Layout
-from netfall.model.start import check_initial_strains, check_tensions, describe_element, low_node_notes
+from netfall.model.start import check_initial_strains, check_tensions, describe_element, wind_height_notes
 from netfall.model.unused import snow_on_upright_notes, zone_without_area_notes
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.bending import Joints, curvatures
@@ -208,7 +208,7 @@ def make_model(
     for name, wind in ((name, case.wind) for name, case in layout.cases.items() if case.wind):
         drag = loads.drag_areas(roof, wind, job.load)
         winds[f"[[case]] {name}:"] = wind, loads.wind_force_area(wind, roof, drag)
-    notes += low_node_notes(net, x, winds)
+    notes += wind_height_notes(net, x, winds)
     notes += [*absent_member_notes(job, net), *superposed_excitation_notes(job, bool(field and field.varies))]
     panels_tear = field and job.wind.after_fracture == "panels"
     return Model(

@@ -10,6 +10,7 @@ from netfall.core.errors import raise_errors
 from netfall.core.functions import lengths
 from netfall.geometry.bars import euler_load
 from netfall.geometry.net import GRAVITY, Net
+from netfall.job import messages as job_messages
 from netfall.job.derived import mode_count
 from netfall.job.job import Job
 from netfall.job.values import counted, format_value
@@ -57,6 +58,7 @@ MIN_BREAKING_STRAIN, MAX_BREAKING_STRAIN = 1e-4, 1.0  # plausible strains at the
 MIN_WAVE_SPEED, MAX_WAVE_SPEED = 400.0, 20e3
 MIN_PRESTRESS_STRAIN = 3e-6  # smallest plausible strain of the most tensioned element of a prestressed net
 MIN_START_STRAIN, MAX_START_STRAIN = -0.5, 0.1  # plausible strains at the start
+MAX_LOWEST_HEIGHT = 200.0  # m above ground: range of EN 1991-1-4; the lowest node of a roof or mast is below
 MAX_DISTANCE = 3.0  # diagonals of the roof in plan: taps and points beyond that are probably in another unit
 NEGLIGIBLE_FORCE = 1e-10  # share of the largest force below which a force counts as zero
 # share of its given length below which an element has collapsed in form finding
@@ -258,8 +260,8 @@ def describe_element(net: Net, e: int, L0: np.ndarray) -> str:
     return f"{net.element_id[e]} (nodes {ids}, {L0[e]:.4g} m)"
 
 
-def low_node_notes(net: Net, x: np.ndarray, winds: dict[str, tuple[Any, FloatArray]]) -> Iterator[str]:
-    """Yield a warning on nodes below ground, or below the range of the wind profile.
+def wind_height_notes(net: Net, x: np.ndarray, winds: dict[str, tuple[Any, FloatArray]]) -> Iterator[str]:
+    """Yield a warning on nodes below the range of the wind profile, or if all nodes are far above ground.
 
     x : (n, 3) [m]; winds : section and force (n, 3) [N s2/m2] at 1 m/s, by their place in the job; of
         those with the same base_height the first is named
@@ -267,17 +269,20 @@ def low_node_notes(net: Net, x: np.ndarray, winds: dict[str, tuple[Any, FloatArr
     named = set()
     for place, (wind, force) in winds.items():
         height = x[:, 2] + wind.base_height
-        low = np.flatnonzero((height < LOWEST_HEIGHT) & force.any(1) & ~net.fixed.all(1))
-        if len(low) and wind.profile_exponent and not wind.pressures and wind.base_height not in named:
-            named.add(wind.base_height)
-            p = low[np.argmin(height[low])]
+        height = np.where(force.any(1) & ~net.fixed.all(1), height, np.inf)
+        p, count = int(np.argmin(height)), int((height < LOWEST_HEIGHT).sum())
+        is_high = MAX_LOWEST_HEIGHT < height[p] < np.inf
+        if not (count or is_high) or not wind.profile_exponent or wind.pressures or wind.base_height in named:
+            continue
+        named.add(wind.base_height)
+        base, node, lowest = wind.base_height, net.node_id[p], height[p]
+        if is_high:
+            yield job_messages.LARGE_BASE_HEIGHT(
+                place=place, base_height=base, limit=MAX_LOWEST_HEIGHT, node=node, height=lowest
+            )
+        else:
             yield messages.BELOW_WIND_PROFILE(
-                place=place,
-                base_height=wind.base_height,
-                count=len(low),
-                node=net.node_id[p],
-                height=height[p],
-                lowest=LOWEST_HEIGHT,
+                place=place, base_height=base, count=count, node=node, height=lowest, lowest=LOWEST_HEIGHT
             )
 
 

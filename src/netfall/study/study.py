@@ -291,7 +291,7 @@ def study(
     job, net = _first_net(plan)
     device = _usable_device(device or plan.run.device, plan, job, progress)
     plan = replace(plan, run=plan.run.model_copy(update={"device": device}))
-    progress.say(*job.warnings, *plan.notes)
+    progress.say(*plan.notes)
     place = study_files(path, output, shard)
     if not place.result.exists() or read_digests(place.result) is None:
         check_output_path(place.result)

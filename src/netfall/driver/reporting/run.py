@@ -295,8 +295,8 @@ def limit_line(limit: Limit, model: Model) -> str:
 
 
 def net_remarks(job: Job, layout: Layout) -> list[str]:
-    """Return the warnings on values of the job and on stages, and the remarks on the net as given."""
-    return [*job.warnings, *lost_load_warnings(job), *layout.notes]
+    """Return the warnings on stages, and the remarks on the net as given."""
+    return [*lost_load_warnings(job), *layout.notes]
 
 
 def run_notes(problem: Problem) -> list[str]:

@@ -92,6 +92,5 @@ def read_dynamic_job(path: Path, overrides: list[str], launcher: str, say: Calla
     job = read_job(path, overrides)
     if job.dynamics is None:
         raise InputError(messages.NO_DYNAMICS(path=path))
-    say(*job.warnings)
     check_launcher(launcher)
     return job
