@@ -284,6 +284,11 @@ WRONG = [  # a text, the place and value of its error, and the code
     (set_in_case("wind.seed = 3"), "[[case]] a: set: wind.seed: not a key that a case can set", "E160"),
     (case("a", "factor = 3.0"), "[[case]] a: factor: has no effect without pressure_table", "E131"),
     (case("a", "settlement = {17 = [0.0, 0.1]}"), "[[case]] a: settlement = ", "E126"),
+    (
+        case("a", "settlement = {1 = [0.0, 0.0, 0.1], 01 = [0.0, 0.0, 0.2]}"),
+        "by ids of nodes without leading zeros, {17",
+        "E126",
+    ),
     (combination("c", "snaw = 1.5"), "[[combination]] c: factors: snaw: no case has this name; ", "E166"),
     (combination("c", "prestress = -1.0"), "c: factors: prestress = -1: expected a number >= 0", "E167"),
     (combination("c", "permanent = 1e9"), "[[combination]] c: factors = ", "E126"),

@@ -12,7 +12,16 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Self, Union, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Gt, Le
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, TypeAdapter, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    Strict,
+    TypeAdapter,
+    ValidationError,
+)
 from pydantic.fields import FieldInfo
 
 from netfall.job.values import range_text
@@ -99,6 +108,13 @@ def _ascending(band: list[float]) -> list[float]:
     return band
 
 
+def _plain_id(number: Any) -> Any:
+    """Refuse an id such as "01", which would replace the value of "1"."""
+    if str(int(number)) != str(number):
+        raise ValueError("not in its usual form")
+    return number
+
+
 Filled = Annotated[str, Field(min_length=1), AfterValidator(_without_nul)]
 Title = Annotated[str, AfterValidator(_without_nul), Kind("text", "a text in quotes ({meaning})")]
 Text = Annotated[Filled, Kind("text", "a text in quotes ({meaning})")]
@@ -160,9 +176,13 @@ SomeTables = Annotated[Tables, Field(min_length=1)]
 Shift = Annotated[
     list[Annotated[float, Field(ge=-MAX_SHIFT, le=MAX_SHIFT)]], Field(min_length=3, max_length=3)
 ]
+Id = Annotated[int, Strict(False), BeforeValidator(_plain_id)]
 Shifts = Annotated[
-    dict[Annotated[int, Strict(False)], Shift],
-    Kind("shifts", "a table of [x, y, z]{within} by ids of nodes, {{17 = [0.0, 0.0, -0.05]}}"),
+    dict[Id, Shift],
+    Kind(
+        "shifts",
+        "a table of [x, y, z]{within} by ids of nodes without leading zeros, {{17 = [0.0, 0.0, -0.05]}}",
+    ),
 ]
 Moves = Annotated[
     dict[Word, Shift],
