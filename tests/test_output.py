@@ -432,6 +432,13 @@ def test_the_forces_of_a_picture_have_one_unit(workshop):
     assert labels == ["tension [MN], 0.3 to 0.3", "compression [MN], 2.3 to 2.3"]
 
 
+def test_legends_name_axes_of_turned_supports_as_their_own(workshop):
+    """The weight is held along its own x, at 30 degrees from x."""
+    with run_of_a_hung_weight(workshop, "[load]\nsteps = 1\n", "1,0,0", "angle", "30") as f:
+        labels = {line.get_label() for line in states(f).axes[0].lines}
+    assert {"supports, 2", "held in part, 1 (own axes, x: 1)"} <= labels, labels
+
+
 def test_pictures_distinguish_springs_from_supports(workshop):
     """A weight on two cables, held along x and y, and by a spring along z."""
     more = "[load]\nself_weight = false\nsteps = 1\n"

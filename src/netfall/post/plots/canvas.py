@@ -257,10 +257,12 @@ def open_plan_panels(
     return figure, panels
 
 
-def mark_supports(axes: Axes, x: np.ndarray, fixed: np.ndarray, spring: np.ndarray) -> None:
+def mark_supports(
+    axes: Axes, x: np.ndarray, fixed: np.ndarray, spring: np.ndarray, angle: np.ndarray | None = None
+) -> None:
     """Mark the supports of each kind, and count them in the legend.
 
-    x : (n, 2 or 3) [m]; fixed, spring : (n, 3) bool, axes
+    x : (n, 2 or 3) [m]; fixed, spring : (n, 3) bool, axes, rotated about z by angle (n,), None: by none
     """
     fully_fixed = fixed.all(1)
     for selected, kind, marker, colour, word in (
@@ -273,7 +275,9 @@ def mark_supports(axes: Axes, x: np.ndarray, fixed: np.ndarray, spring: np.ndarr
             label = f"{word}, {len(rows)}"
             if kind is not None:
                 counts = kind[rows].sum(0)
-                label += f" ({', '.join(f'{axis}: {count}' for axis, count in zip('xyz', counts) if count)})"
+                own = "own axes, " if angle is not None and angle[rows].any() else ""
+                held = ", ".join(f"{axis}: {count}" for axis, count in zip("xyz", counts) if count)
+                label += f" ({own}{held})"
             size = float(np.clip(30.0 / np.sqrt(len(rows)), 1.2, 4.0))
             shown = x[rows[:: max(1, len(rows) // MAX_MARKED)]]
             add_marks(axes, shown, marker, color=colour, ms=size, mew=0, zorder=3, label=label)

@@ -128,7 +128,7 @@ def add_supports(f: h5py.File, axes: Axes, x: np.ndarray, place: str = "") -> No
         style = {"color": canvas.SUPPORT_COLOUR, "label": "edge through the supports"} | canvas.SPACE_STYLE
         axes.plot(*x[edge].T, lw=0.8, ls=(0, (3, 2)), **style)
     spring = spring_axes(f)
-    canvas.mark_supports(axes, x, held & ~spring, spring)
+    canvas.mark_supports(axes, x, held & ~spring, spring, f["net/angle"][:] if "net/angle" in f else None)
 
 
 def support_edge(x: np.ndarray, supports: np.ndarray) -> np.ndarray:

@@ -82,7 +82,7 @@ def _draw_marks(axes: Axes, layout: Layout, x: np.ndarray) -> None:
         canvas.add_lines(axes, lines, label=f"{word}, {len(rows)}", **look)
         if style == "-" and 0 < len(rows) <= canvas.MAX_MARKED:  # makes short members visible
             canvas.add_marks(axes, lines.mean(1), "x", ms=4, color=colour, zorder=5)
-    canvas.mark_supports(axes, x, net.fixed, net.spring > 0)
+    canvas.mark_supports(axes, x, net.fixed, net.spring > 0, net.angle)
     if len(probes):
         label, colours = f"probes, {len(probes)}", {"mfc": "#ffd400", "mec": "k"}
         canvas.add_marks(axes, x[probes], "*", ms=10, mew=0.6, zorder=6, label=label, **colours)
