@@ -135,6 +135,20 @@ def test_elements_that_do_not_move_in_a_mode_leave_the_net_visible(workshop):
         assert [len(values) for values in coloured if values is not None] == [count]
 
 
+@pytest.mark.parametrize(
+    "load, about", [("", "before any static load"), ("steps = 1\n", "under the static loads")]
+)
+def test_the_picture_of_modes_names_their_equilibrium(workshop, load, about):
+    """Cases do not count: the modes of a static job without load steps are those of the unloaded form."""
+    from netfall.post.plots.states import modes
+
+    nodes = f"id,x,y,z,fixed,mass\n1,0,0,0,1,0\n2,{A},0,0,0,{M}\n3,{2 * A},0,0,1,0\n"
+    text = f"[cable]\nmodulus = 1e10\narea = 1e-4\ndensity = 1e-3\nprestress = {T}\n[modes]\ncount = 1\n"
+    text += f"[load]\n{load}[[case]]\nname = 'cold'\nset = {{\"load.temperature\" = -5.0}}\n"
+    with workshop.solve(text, nodes, "start,end\n1,2\n2,3\n") as f:
+        assert f"lowest modes {about}, largest" in " ".join(modes(f).get_suptitle().split())
+
+
 def test_the_damping_ratio_is_that_of_the_oscillator():
     """v' = -zeta v, so m u'' + zeta m u' + k u = 0: the ratio is zeta / (2 omega)."""
     modes = modes_of(string(20), T, 4)

@@ -208,11 +208,11 @@ def modes(f: h5py.File) -> Figure | None:
     """
     if not len(f["modes/period"]):
         return None
-    x, elements = results.start_position(f), f["net/elements"][:]
+    x, elements, about = results.start_position(f), f["net/elements"][:], "before any static load"
     if "initial_state" in f:
-        x = f["initial_state/position"][:]
+        x, about = f["initial_state/position"][:], "in the initial state"
     elif "statics" in f:  # without wind, modes refer to the end of the static steps
-        x = x + f["statics/displacement"][-1]
+        x, about = x + f["statics/displacement"][-1], "under the static loads"
     seen = roof_axes(f)
     flat = along_axes(x, seen)[:, :2]
     lines = elements[:: max(1, len(elements) // canvas.MAX_DRAWN)]
@@ -244,7 +244,7 @@ def modes(f: h5py.File) -> Figure | None:
         space.set_title(_words(f, k, "xyz"[axis]))
     label = "displacement along the axis that a title names, of the largest of a node [-]"
     canvas.add_scale(panels, norm, COLOURS, label)
-    subtitle = f": lowest modes, largest displacement drawn as {swing:.3g} m"
+    subtitle = f": lowest modes {about}, largest displacement drawn as {swing:.3g} m"
     canvas.set_figure_title(figure, result_title(f), subtitle)
     return figure
 
