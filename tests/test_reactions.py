@@ -269,6 +269,22 @@ def test_the_reaction_of_a_single_cable_has_the_peak_between_two_rows(workshop, 
     assert e["reaction_highest"][0].tolist() == [0.0, 0.0, -50.0]
 
 
+def test_a_support_with_an_absent_cable_has_the_peak_of_the_present_one(workshop):
+    """A support rises at 1 m/s from a hanging weight on: peak m g + v sqrt(k m), between two rows."""
+    nodes = "id,x,y,z,fixed,load_z,mass\n1,0,0,0,1,0,0\n2,0,0,-10,0,-1000,100\n3,5,0,0,1,0,0\n"
+    text = "[cable]\naxial_stiffness = 1e6\nmass_per_length = 1e-3\n[load]\nself_weight = false\n"
+    text += (
+        '[[stage]]\nname = "rope"\nactive = ["rope"]\n[[motion]]\nnodes = [1]\ndisplacement = "move.csv"\n'
+    )
+    text += "[dynamics]\nduration = 0.15\nsafety = 0.1\n[output]\nhistory_interval = 0.15\n"
+    elements = "start,end,group,unstressed_length\n1,2,rope,10\n1,3,stay,5\n"
+    job = workshop.job(text, nodes, elements)
+    (job.parent / "move.csv").write_text("time,z\n0,0\n1,1\n")
+    e, peak = workshop.run(job)["envelope"], 1000.0 + np.sqrt(1e6 / 10.01 * 100.0)
+    assert e["reaction_max"][0] == pytest.approx(peak, rel=2e-3)
+    assert e["reaction_max"][0] == pytest.approx(e["tension_max"][0], rel=1e-12)
+
+
 def test_supports_of_a_beam_have_its_shear(workshop):
     """A beam carries P at midspan: each support has P / 2, in statics and in the last state of the motion."""
     rows = ((k, k, 0, 0, int(k == 0), 1, int(k in (0, 4)), -1000 * (k == 2)) for k in range(5))

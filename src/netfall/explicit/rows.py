@@ -19,6 +19,7 @@ from netfall.explicit.sampling import LocalProbes, Rows, Table, update_moments, 
 from netfall.model.layout import Probes
 from netfall.parallel.subdomain import Distribution, Subdomain
 from netfall.parallel.sums import LIMBS
+from netfall.physics.fields import REMOVED_BY_ERECTION
 from netfall.physics.state import State
 
 TENSION = ("tension_max", "tension_max_time", "tension_min", "slack_time")  # (m,), of elements
@@ -46,8 +47,9 @@ class DynamicEnvelope:
             held[:, 0] |= state.turned[:, :2].any(1)
         self.supports = np.flatnonzero(held[: subdomain.n_owned].any(1))
         ends, elements = subdomain.ends.astype(np.int64), np.full(state.n_local, -1)
-        elements[ends] = np.arange(len(ends))[:, None]
-        single = np.bincount(ends.ravel(), minlength=state.n_local)[self.supports] == 1
+        present = np.flatnonzero(state.broken != REMOVED_BY_ERECTION)
+        elements[ends[present]] = present[:, None]
+        single = np.bincount(ends[present].ravel(), minlength=state.n_local)[self.supports] == 1
         if state.joints is not None:  # the shear of bending chains adds to the axial force
             single &= ~np.isin(self.supports, state.joints.particles)
         # forces of steps between two updates matter, with their directions, only if they are recorded
