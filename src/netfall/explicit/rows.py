@@ -46,15 +46,8 @@ class DynamicEnvelope:
         if state.turned is not None:
             held[:, 0] |= state.turned[:, :2].any(1)
         self.supports = np.flatnonzero(held[: subdomain.n_owned].any(1))
-        ends, elements = subdomain.ends.astype(np.int64), np.full(state.n_local, -1)
-        present = np.flatnonzero(state.broken != REMOVED_BY_ERECTION)
-        elements[ends[present]] = present[:, None]
-        single = np.bincount(ends[present].ravel(), minlength=state.n_local)[self.supports] == 1
-        if state.joints is not None:  # the shear of bending chains adds to the axial force
-            single &= ~np.isin(self.supports, state.joints.particles)
-        # forces of steps between two updates matter, with their directions, only if they are recorded
-        only = np.where(single & (state.highest is not None), elements[self.supports], -1)
-        self.anchored = np.stack([only, ends[only].sum(1) - self.supports])
+        self.anchored = np.full((2, len(self.supports)), -1)
+        self.find_anchored(state)
         self.reaction = np.full((13, len(self.supports)), -np.inf)
         self.reaction[3:6] = self.reaction[9] = np.inf
         self.reaction[10:] = 0.0
@@ -64,6 +57,25 @@ class DynamicEnvelope:
         self.displacement = np.full((len(DISPLACEMENT), subdomain.n_owned), 0.0)
         self.displacement[0] = -1.0
         self.moment = np.full(len(subdomain.element_gid), np.nan) if state.joints is not None else None
+
+    def find_anchored(self, state: State) -> None:
+        """Update `anchored`, at the start and after each removal; broken elements count, removed ones do not.
+
+        Between two updates of the envelope, forces matter, with their directions, only if they are recorded.
+        """
+        if state.highest is None:
+            return
+        ends, elements = self.distribution.subdomain.ends.astype(np.int64), np.full(state.n_local, -1)
+        is_present = state.broken != REMOVED_BY_ERECTION
+        if state.lost is not None:
+            is_present &= state.lost == 0
+        present = np.flatnonzero(is_present)
+        elements[ends[present]] = present[:, None]
+        single = np.bincount(ends[present].ravel(), minlength=state.n_local)[self.supports] == 1
+        if state.joints is not None:  # the shear of bending chains adds to the axial force
+            single &= ~np.isin(self.supports, state.joints.particles)
+        only = np.where(single, elements[self.supports], -1)
+        self.anchored[:] = only, ends[only].sum(1) - self.supports
 
     def include_extremes(self, time: float, state: State) -> None:
         """Include the extremes of all steps so far, at a time [s], if the state records them."""
