@@ -234,15 +234,24 @@ def test_exports_omit_elements_that_a_stage_removed(tmp_path):
     assert exported == pytest.approx(drawn)
 
 
-def test_the_geometry_of_a_failed_stage_is_no_form(tmp_path):
-    """No search reaches a compressed cable. Exports of what it left have a warning, other states none."""
-    stage = {"name": "jack", "lengths": {"hanging": {"force": -10.0}}}
-    run(cross(stage=[stage]), tmp_path / "r.vtkhdf", code=3)
-    for name, time, is_warned in (("r", None, True), ("r.dxf", None, True), ("end", np.inf, False)):
+FAILED = {  # what fails, the change of the job, and which exports show what the search left
+    "stage jack": ({"stage": [{"name": "jack", "lengths": {"hanging": {"force": -10.0}}}]}, "rdte"),
+    "statics": ({"load": {"temperature": -200.0, "steps": 1}}, "te"),
+    "form finding": ({"target": [{"group": "hanging", "force": -10.0, "adjust": "hanging"}]}, "rdte"),
+}
+
+
+@pytest.mark.parametrize("place", FAILED)
+def test_a_state_without_equilibrium_has_a_warning(tmp_path, place):
+    """No search reaches a compressed cable, or a load that breaks cables. Other states have no warning."""
+    change, warned = FAILED[place]
+    run(cross(cable=STEEL | {"fracture_strain": 0.0017}, **change), tmp_path / "r.vtkhdf", code=3)
+    for name, time in (("r", None), ("d.dxf", None), ("t.tcl", None), ("e.dxf", np.inf)):
         lines = written(tmp_path / "r.vtkhdf", tmp_path / name, time)
-        assert any("stage jack: no equilibrium" in line for line in lines) == is_warned, name
-        if name == "r":
-            assert "stage jack: no equilibrium" in (tmp_path / name / "README.txt").read_text()
+        assert any(f"warning: {place}: no equil" in line for line in lines) == (name[0] in warned), name
+        if name == "r" and "r" in warned:
+            assert f"{place}: no equilibrium" in (tmp_path / name / "README.txt").read_text()
+        assert (", reached of 1" in lines[0]) == (name == "t.tcl" and place == "statics"), name
 
 
 def test_faces_of_removed_elements_are_exported(tmp_path):

@@ -19,7 +19,7 @@ GUIDED_NODES = Message("E753")
 LARGE_TAGS = Message("E788")
 NOT_LINEAR_ELASTIC = Message("W754")
 DOUBLE_EDGES = Message("W755")
-FORM_OF_FAILED_STAGE = Message("W786")
+STATE_WITHOUT_EQUILIBRIUM = Message("W786")
 WITHOUT_LOADS = Message("N756")
 
 # job.toml of an exported net

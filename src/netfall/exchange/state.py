@@ -1,6 +1,7 @@
 """State of a result for other programs: points, lines, unique ids, tensions."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -10,6 +11,8 @@ from netfall.job.values import counted, suggest
 from netfall.results.file import Case, read_cases
 from netfall.results.reader import Result
 from netfall.results.states import (
+    FORM_GROUP,
+    PERMANENT,
     absent,
     group_title,
     last_stage,
@@ -92,7 +95,7 @@ def export_state(result: Result, time: float | None, case: str | None) -> Export
 
     Raises InputError for a time that the run did not reach, or an unknown case.
     """
-    warnings, stage = list[str](), last_stage(result.file)
+    places = FORM_GROUP, "deviation", last_stage(result.file)
     if time is None:
         position, tension = form_of(result)
         name = start_name(result.file).removeprefix("the ")
@@ -101,15 +104,13 @@ def export_state(result: Result, time: float | None, case: str | None) -> Export
             shown = find_case(result, case).shown
             displacement, tension, name = shown.position() - position, shown.tension(), shown.name
             position = shown.position()
-        elif stage and no_equilibrium(result.file[stage]):
-            warnings.append(messages.FORM_OF_FAILED_STAGE(stage=group_title(result.file, stage)))
         broken, ends = np.zeros(len(tension), bool), result.file["net/elements"][:]
         removed = absent(result.file)  # after the last stage of erection
         ends[removed, 1] = ends[removed, 0]
     else:
         frame = result.frame(min(time, float(result.time[-1])) if np.isinf(time) else time)
         position, tension, broken, ends = frame.position, frame.tension, frame.broken, frame.ends
-        displacement = frame.displacement
+        displacement, places = frame.displacement, (*places, PERMANENT, "statics", "initial_state")
         time, name = frame.time, f"t = {frame.time:g} s"
     split_count = len(position) - len(result.nodes["id"])
     return ExportState(
@@ -128,8 +129,14 @@ def export_state(result: Result, time: float | None, case: str | None) -> Export
         unstressed_length=result.elements["unstressed_length"],
         unstressed_length_warm=result.elements["unstressed_length_warm"],
         broken=broken,
-        warnings=warnings,
+        warnings=no_equilibrium_warnings(result.file, *places),
     )
+
+
+def no_equilibrium_warnings(f: Any, *places: str) -> list[str]:
+    """Return a warning if a group, of which a state is exported, ended without equilibrium; "": no group."""
+    failed = [group_title(f, place) for place in places if place and place in f and no_equilibrium(f[place])]
+    return [messages.STATE_WITHOUT_EQUILIBRIUM(state=name) for name in failed[:1]]
 
 
 def find_case(result: Result, name: str) -> Case:

@@ -296,6 +296,7 @@ def start_name(f: Any) -> str:
 def group_title(f: Any, name: str) -> str:
     """Return the name of an equilibrium group for messages: "case snow" for cases/snow."""
     titles = {"initial_state": "initial state", PERMANENT: "permanent loads"}
+    titles |= {FORM_GROUP: "form finding", "deviation": "errors of length"}
     if name in titles:
         return titles[name]
     case = "combination" if "factors" in f[name].attrs else "case"

@@ -10,13 +10,19 @@ from netfall.core.errors import InputError
 from netfall.core.functions import directions
 from netfall.core.progress import one_line
 from netfall.exchange import messages
-from netfall.exchange.state import ExportState, form_of, lengths
+from netfall.exchange.state import ExportState, form_of, lengths, no_equilibrium_warnings
 from netfall.job.values import counted
 from netfall.physics.law.measures import elastic_forces, unstressed_length
 from netfall.post.checks.nodes import sum_end_forces
 from netfall.results.locks import whole
 from netfall.results.reader import Result
-from netfall.results.states import Springs, read_springs, support_angles
+from netfall.results.states import (
+    Springs,
+    StateView,
+    group_equilibria,
+    read_springs,
+    support_angles,
+)
 
 CONTENTS = (
     *("ids", "tensions", "unstressed lengths", "axes of supports", "stiffness", "bars"),
@@ -66,9 +72,10 @@ def write(result: Result, state: ExportState, path: Path, unit: str) -> list[str
     """Write the model, which starts from the form. Raises InputError for supports that OpenSees lacks."""
     _check_guides(result, state, path)
     _check_tags(result, state, path)
-    name, x, tension, free = _equilibrium(result, state)
+    equilibrium, free = _equilibrium(result, state)
+    name, x = equilibrium.name, equilibrium.position()
     present, removal_lines = ~state.out(), state.removed_element_lines("trusses")
-    tension, free = tension[present], free[present]
+    tension, free = equilibrium.tension()[present], free[present]
     EA, bar = result.elements["axial_stiffness"][present], result.elements["bar"].astype(bool)[present]
     ends, ids = state.ends[present], state.element_id[present]
     state = replace(state, position=form_of(result)[0], ends=ends, element_id=ids)
@@ -116,23 +123,17 @@ def _check_tags(result: Result, state: ExportState, path: Path) -> None:
         raise InputError(messages.LARGE_TAGS(path=path, last=last, limit=MAX_TAG))
 
 
-def _equilibrium(result: Result, state: ExportState) -> tuple[str, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the equilibrium of the case, or the last equilibrium of the run.
-
-    Returns its name, position (n, 3) [m], tension (m,) [N] and unstressed lengths (m,) [m].
-    """
-    x, tension = form_of(result)
-    warm = result.elements["unstressed_length_warm"]
+def _equilibrium(result: Result, state: ExportState) -> tuple[StateView, np.ndarray]:
+    """Return the equilibrium of the case, or the last equilibrium of the run, and lengths (m,) [m] in it."""
     if state.case:
-        case = result.file[f"cases/{state.case}"]
-        return state.name, x + case["displacement"][:], case["tension"][:], warm
-    if hasattr(result, "initial_state"):
-        name = "equilibrium under all constant loads" + " and the mean wind" * ("wind" in result.file)
-        return name, result.initial_state["position"], result.initial_state["tension"], warm
-    if hasattr(result, "statics"):
-        displacement, tension = result.statics["displacement"][-1], result.statics["tension"][-1]
-        return "equilibrium under the static load", x + displacement, tension, warm
-    return state.name, x, tension, result.elements["unstressed_length"]
+        place = f"cases/{state.case}"
+    else:
+        place = next((name for name in ("initial_state", "statics") if name in result.file), "")
+    if not place:
+        view = StateView(state.name, lambda: state.tension, lambda: state.position)
+        return view, result.elements["unstressed_length"]
+    state.warnings.extend(no_equilibrium_warnings(result.file, place))
+    return [*group_equilibria(result.file, place)][-1], result.elements["unstressed_length_warm"]
 
 
 def _nodes(state: ExportState, settlement: np.ndarray) -> str:
