@@ -570,7 +570,7 @@ def test_the_parts_of_a_subdivided_cable_count_as_one(workshop):
 def test_the_shop_list_is_that_by_hand(loaded, tmp_path):
     """Equal cables share a row, less rigid ends of 750 mm, measured 15 K warmer without load; or whole."""
     table = tmp_path / "ends.csv"
-    table.write_text("group,pin,socket\nupper,100,650\n")
+    table.write_text("group,pin,socket\nlower,,\n,100,650\n")  # the first matching row applies
     upper, lower = report_of(loaded, cutting=Cutting(15.0, 0.0), deductions=table).rows("shop_list")
     assert (upper["mark"], upper["count"], upper["cables"]) == ("upper-1", "2", "e11; e12")
     heat = 1 + 12e-6 * 15

@@ -32,6 +32,7 @@ AXES = ("x", "y", "z")  # columns of positions, and ends of the names of other c
 ZONE_SEPARATOR = "/"  # separator of several zones, or their shares, in one cell; names of zones have none
 ESCAPED = re.compile(r"'*[=+\-@\t\r#]")  # start of a formula in a spreadsheet, or a comment, also behind '
 COMMENT = re.compile(r"\s*#|sep=.\s*$")  # line that is no row, as the first line of Excel, sep=;
+WORDS = ("name", "group", "type", "cable", "zone")  # columns of words; a row may have no other cell
 NO_UNIT = ("", "-", "1")  # units of columns without a unit in the row of units
 MIN_SIMILARITY = 0.7  # similarity (difflib) from which an unknown column is probably a typing error
 
@@ -56,7 +57,7 @@ class Table:
             raise InputError(messages.EMPTY_TABLE(path=path, columns=", ".join(required or known)))
         header = [unescape(name.strip()).lower() for name in rows[0][1]]
         self.units: dict[str, str] = {}
-        if len(rows) > 1 and _is_unit_row(rows[1][1]):
+        if len(rows) > 1 and _is_unit_row(header, rows[1][1]):
             self.units = {name: cell.strip() for name, cell in zip(header, rows.pop(1)[1])}
         self.header_line, self.lines = rows[0][0], [line for line, _ in rows[1:]]
         self._check_header(header, rows[0][0], known, required)
@@ -205,9 +206,10 @@ class Table:
         raise_errors(lines)
 
 
-def _is_unit_row(cells: list[str]) -> bool:
-    """Return whether the row below the header gives units: it has no number, as every other row has."""
-    return any(cells) and not any(np.isfinite(parse_number(cell.strip())) for cell in cells)
+def _is_unit_row(header: list[str], cells: list[str]) -> bool:
+    """Return whether the row below the header gives units: no number, but cells in columns of numbers."""
+    has_number = any(np.isfinite(parse_number(cell.strip())) for cell in cells)
+    return not has_number and any(cell for name, cell in zip(header, cells) if name not in WORDS)
 
 
 def parse_number(word: str) -> float:
