@@ -16,6 +16,7 @@ from test_validation_opensees import shipped, tensions_in_opensees
 import netfall
 from netfall.api.run import _job_file
 from netfall.core.errors import InputError
+from netfall.exchange.drawings.importing import import_file
 from netfall.exchange.drawings.reading import ImportOptions, read_net
 from netfall.exchange.export import export
 
@@ -474,18 +475,22 @@ ROLLER = {  # a rope from a support to a node that runs along x, and a weight be
 
 
 def test_partly_held_nodes_have_their_own_layer(tmp_path):
-    """The layer may name their axes. An import holds them along no axis, and reports this."""
+    """A drawing has no axes, and its import no such support. JSON and VTU have both."""
     run(ROLLER, tmp_path / "r.vtkhdf")
+    x, fixed = (np.array(ROLLER["net"][name]) for name in ("nodes", "fixed"))
     for ending, layer in (("dxf", "supports"), ("json", None), ("vtu", None)):
         lines = written(tmp_path / "r.vtkhdf", tmp_path / f"r.{ending}")
         assert ("1 point on layer supports, 2 on layer held in part" in lines[0]) == bool(layer), ending
         assert ("axes of supports" in lines[-1]) == bool(layer), ending
-        back = read_net(tmp_path / f"r.{ending}", ImportOptions(supports=layer))
-        assert back.net.x[back.fixed].tolist() == [[0, 0, 0]], ending
-        at = [
-            line for line in back.lines if line.startswith("    at (4, 0, 1)") or "held in part (2)" in line
-        ]
-        assert len(at) == (0 if layer else 2), ending
+        options = ImportOptions(supports=layer)
+        import_file(tmp_path / f"r.{ending}", tmp_path / f"of_{ending}", options, lines.append)
+        back = {tuple(float(row[k]) for k in "xyz"): row for row in rows(tmp_path / f"of_{ending}/nodes.csv")}
+        for place, axes in zip(x.tolist(), fixed):
+            row = back[tuple(place)]
+            held = [row[f"fixed_{k}"] for k in "xyz"] if layer is None else [row["fixed"]] * 3
+            assert held == [str(int(axis)) for axis in (axes if layer is None else [axes.all()] * 3)], ending
+        text = "supports: 3 of 3 nodes are held (as given in the file; 2 along some axes only)"
+        assert (text in lines) == (layer is None), ending
 
 
 GIVEN_NAMES = ["supports", "Broken", "0", "a/b", "A_B", "", "cables", "Defpoints"]
@@ -507,7 +512,7 @@ def test_each_group_has_its_own_layer(tmp_path):
     layers = ["supports_2", "Broken_2", "0", "a_b", "A_B_2", "cables", "cables_2", "Defpoints_2"]
     assert sorted(e.dxf.layer for e in lines) == sorted(layers[:3] + ["A_B", "a_b_2"] + layers[5:])
     back = read_net(tmp_path / "r.dxf", ImportOptions(supports="supports"))
-    assert len(back.net.ends) == 8 and back.fixed.sum() == 8 and "0, A_B, Broken_2, Def" in notes[0]
+    assert len(back.net.ends) == 8 and back.held.sum() == 8 and "0, A_B, Broken_2, Def" in notes[0]
 
 
 def test_removed_elements_are_not_exported(tmp_path):
@@ -554,7 +559,7 @@ def test_an_exported_form_is_imported_as_the_same_net(broken, tmp_path, ending):
         x = result.form_finding["position"][result.file["net/elements"][:]]
     in_order = lambda lines: lines[np.lexsort(lines.reshape(-1, 6).T)]  # a Graph is ordered by its nodes
     assert in_order(again.net.x[again.net.ends]) == pytest.approx(in_order(x), abs=EXACT)
-    assert again.net.x[again.fixed].tolist() == [[-10, 0, 2], [10, 0, 2], [0, -10, 0], [0, 10, 0]]
+    assert again.net.x[again.held].tolist() == [[-10, 0, 2], [10, 0, 2], [0, -10, 0], [0, 10, 0]]
 
 
 def test_compas_and_vtk_files_contain_the_state(broken, tmp_path):

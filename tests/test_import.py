@@ -505,7 +505,7 @@ def test_split_makes_a_joint_at_each_crossing(tmp_path):
     assert "crossing (20): elements cross without a joint; --split makes joints" in report(path)
     reading = read_net(path, ImportOptions(split=True))
     assert len(reading.net.ends) == 4 * 6 + 5 * 5 and len(reading.net.x) == 20 + 18
-    assert reading.fixed.sum() == 18
+    assert reading.held.sum() == 18
     assert "split: joints at 0 touches and 20 crossings" in "\n".join(reading.lines)
     sketch.line((0, 3, 0.002), (12, 3, 0.002), "x")  # above the others
     output = report(sketch.save(path), split=True, supports="y")
@@ -530,7 +530,7 @@ def test_overlapping_parts_of_lines_are_named(tmp_path):
     for x in (0, 4, 10):
         sketch.line((x, 0), (5, 7), "y")
     reading = read_net(sketch.save(tmp_path / "b.dxf"), ImportOptions(supports="edge"))
-    assert sorted(reading.net.x[reading.fixed].tolist()) == [[0, 0, 0], [4, 0, 0], [10, 0, 0]]
+    assert sorted(reading.net.x[reading.held].tolist()) == [[0, 0, 0], [4, 0, 0], [10, 0, 0]]
 
 
 def test_supports_come_from_a_layer_from_points_or_from_the_outline(tmp_path):
@@ -762,7 +762,7 @@ def test_vtu_files_of_every_encoding_are_imported(tmp_path, mode, compressor):
     writer.SetEncodeAppendedData("encoded" in mode)
     writer.Write()
     reading = read_net(tmp_path / "net.vtu", ImportOptions())
-    assert (reading.net.x == x).all() and reading.fixed.sum() == count / 10
+    assert (reading.net.x == x).all() and reading.held.sum() == count / 10
     assert len(reading.net.ends) == count - 3 + 3  # a side of the quadrangle is an element of the polyline
 
 
@@ -876,7 +876,7 @@ def test_the_outline_of_each_roof_of_a_drawing_is_held(tmp_path):
     reading = read_net(sketch.save(tmp_path / "two.dxf"), ImportOptions(supports="outline"))
     text = "\n".join(reading.lines)
     assert "supports: 26 of 40 nodes are held (nodes on the outline of each of 2 parts" in text
-    assert reading.fixed.sum() == 26 and len(reading.net.x) == 36
+    assert reading.held.sum() == 26 and len(reading.net.x) == 36
     assert "(4 of 59 elements) are not joined to the rest of the net, and without a support: LEFT OUT" in text
     assert "LEFT OUT\n    4 elements at (-5, -5, 0), layer frame\n" in text
     assert "(24 of 59 elements) are not joined" in text and "have their own supports" in text

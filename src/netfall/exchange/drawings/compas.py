@@ -3,7 +3,7 @@
 import json
 import re
 import reprlib
-from itertools import chain, pairwise
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,7 @@ def read_compas(path: Path, supports: list[str]) -> Drawing:
     """
     objects = _objects(json.loads(path.read_text(encoding="utf-8-sig")))
     edges = [edge for data in objects for edge in _edges(data)]
-    supported = [_supported_points(data) for data in objects]
+    supports_of_file = [support for data in objects for support in _supports(data)]
     loaded = sum(any(map(values.get, LOADS)) for data in objects for values in _nodes(data).values())
     attributes = [data["attributes"] for data in objects if isinstance(data.get("attributes"), dict)]
     units = sorted({each["unit"] for each in attributes if isinstance(each.get("unit"), str)})
@@ -39,7 +39,6 @@ def read_compas(path: Path, supports: list[str]) -> Drawing:
     hidden = sum(edge["hidden"] for edge in edges)
     edges = [edge for edge in edges if not edge["hidden"]]
     names = sorted({edge["group"] for edge in edges})
-    held, in_part = (list(chain(*points)) for points in zip(*supported))
     q = np.array([edge["q"] for edge in edges], float)
     keys = [edge["keys"] for edge in edges]
     has_ids = len(objects) == 1 and all(isinstance(key, int) for pair in keys for key in pair)
@@ -48,8 +47,8 @@ def read_compas(path: Path, supports: list[str]) -> Drawing:
         lines=np.array([edge["ends"] for edge in edges], float).reshape(-1, 2, 3),
         layer=np.array([names.index(edge["group"]) for edge in edges], np.int64),
         layers=names,
-        held=np.array(held, float).reshape(-1, 3),
-        in_part=np.array(in_part, float).reshape(-1, 3),
+        held=np.array([point for point, _ in supports_of_file], float).reshape(-1, 3),
+        held_axes=np.array([axes for _, axes in supports_of_file], bool).reshape(-1, 3),
         keys=np.array(keys, np.int64) if has_ids else None,
         force_density=q if any(edge["q"] is not None for edge in edges) else None,
         unit=unit if unit in METRES else None,
@@ -174,17 +173,15 @@ def _key(text: str) -> Any:
         return text
 
 
-def _supported_points(data: dict[str, Any]) -> tuple[list[Any], list[Any]]:
-    """Return the coordinates of supported nodes, and of nodes supported only along some axes."""
-    held, in_part = [], []
+def _supports(data: dict[str, Any]) -> list[tuple[list[float], list[bool]]]:
+    """Return the coordinates of supported nodes, and the axes along which they are held."""
+    supports = []
     for key, values in _nodes(data).items():
-        flags = []
+        held = [False] * 3
         for name in SUPPORTS:
             flag = values.get(name)
-            axes = flag if isinstance(flag, list) else [flag]
-            flags.append([bool(_number(axis, f"node {key}, {name}")) for axis in axes])
-        if any(axes and all(axes) for axes in flags):
-            held.append(values["point"])
-        elif any(map(any, flags)):
-            in_part.append(values["point"])
-    return held, in_part
+            axes = flag if isinstance(flag, list) and len(flag) == 3 else [flag or False] * 3
+            held = [a or bool(_number(axis, f"node {key}, {name}")) for a, axis in zip(held, axes)]
+        if any(held):
+            supports.append((values["point"], held))
+    return supports

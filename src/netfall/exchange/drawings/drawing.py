@@ -33,7 +33,7 @@ class Drawing:
     lines : (k, 2, 3), in the unit of the drawing until `scaled`; layer : (k,) rows of `layers`
     curves : splines of ezdxf, with the row of the layer of each; `cut_curves` makes lines of them
     points : (p, 3) that may mark supports; point_layer : (p,) rows of `layers`
-    held : (q, 3) supports named in the file; in_part : (r, 3) supports along only some axes
+    held : (q, 3) supports named in the file; held_axes : (q, 3) bool
     keys : (k, 2) ids of nodes at the ends, None without ids in the file
     force_density : (k,) [N / unit] of the lines, nan: none; None: the file has none
     unit : unit of the coordinates; file_unit : unit named in the file, or None
@@ -48,7 +48,7 @@ class Drawing:
     points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     point_layer: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
     held: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-    in_part: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    held_axes: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), bool))
     keys: np.ndarray | None = None
     force_density: np.ndarray | None = None
     unit: str | None = None
@@ -79,7 +79,7 @@ class Drawing:
         """Convert all coordinates to metres, and force densities to N/m."""
         factor = METRES[unit]
         multiplier, divisor = (1.0, round(1.0 / factor)) if factor in (0.1, 0.01, 0.001) else (factor, 1.0)
-        for name in ("lines", "points", "held", "in_part"):  # division makes 2200 mm exactly 2.2 m
+        for name in ("lines", "points", "held"):  # division makes 2200 mm exactly 2.2 m
             setattr(self, name, getattr(self, name) * multiplier / divisor)
         if self.force_density is not None:
             self.force_density = self.force_density * divisor / multiplier

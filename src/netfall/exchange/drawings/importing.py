@@ -106,7 +106,11 @@ def _write(reading: NetImport, folder: Path, target: Path) -> list[str]:
     names = [" ".join(name.splitlines()).strip() for name in drawing.layers]  # as cells of a table
     node_id, group = _node_ids(reading), [names[k] for k in drawing.layer[net.line].tolist()]
     x = net.x
-    nodes = {"id": node_id, "x": x[:, 0], "y": x[:, 1], "z": x[:, 2], "fixed": reading.fixed.astype(int)}
+    nodes, fixed = {"id": node_id, "x": x[:, 0], "y": x[:, 1], "z": x[:, 2]}, reading.fixed
+    if (fixed.any(1) == fixed.all(1)).all():
+        nodes["fixed"] = fixed[:, 0].astype(int)
+    else:
+        nodes |= {f"fixed_{axis}": fixed[:, k].astype(int) for k, axis in enumerate("xyz")}
     elements = {"id": np.arange(1, len(net.ends) + 1), "start": node_id[net.ends[:, 0]]}
     elements |= {"end": node_id[net.ends[:, 1]], "group": group}
     direction = x[net.ends[:, 1]] - x[net.ends[:, 0]]
@@ -118,7 +122,7 @@ def _write(reading: NetImport, folder: Path, target: Path) -> list[str]:
     taut = {group[e] for e in np.flatnonzero(q > 0.0).tolist()}
     for e in np.flatnonzero(q < 0.0).tolist():  # no cable of the group becomes a bar with them
         group[e] += "_struts" if group[e] in taut else ""
-    balanced = len(q) > 0 and is_balanced(x, net.ends, q, reading.held)
+    balanced = len(q) > 0 and is_balanced(x, net.ends, q, reading.held_axes)
     if len(q):
         elements |= {"prestress": q * length} if balanced else {"force_density": q}
     if reading.spring is not None:
@@ -146,7 +150,6 @@ def _write(reading: NetImport, folder: Path, target: Path) -> list[str]:
             if name not in posts
         ]
         (target / job.name).write_text(text, encoding="utf-8")
-    fixed = np.repeat(reading.fixed[:, None], 3, axis=1)
     spring = np.zeros_like(fixed) if reading.spring is None else reading.spring > 0.0
     draw_imported_net(x, net.ends, group, fixed, spring, reading.marks, reading.path.name, target / "net.png")
     (target / "report.txt").write_text("\n".join([*reading.lines, *lines, ""]), encoding="utf-8")
@@ -206,7 +209,7 @@ def _group_lines(group: list[str], length: np.ndarray) -> list[str]:
 
 
 def is_balanced(x: np.ndarray, ends: np.ndarray, q: np.ndarray, held: np.ndarray) -> bool:
-    """Return whether force densities q (m,) [N/m] are in equilibrium at the nodes that are not held."""
+    """Return whether force densities q (m,) [N/m] are in equilibrium along axes that are not held (n, 3)."""
     force = q[:, None] * np.diff(x[ends], axis=1)[:, 0]
     residual = np.zeros_like(x)
     np.add.at(residual, ends[:, 0], force)

@@ -55,7 +55,7 @@ class ImportOptions:
 class NetImport:
     """Drawing that is being converted to a net, with the report on it.
 
-    fixed : (n,) bool; lines : report; marks : places [m] of faults in the picture
+    fixed : (n, 3) bool; lines : report; marks : places [m] of faults in the picture
     spring : (n, 3) [N/m] of elastic supports, None: none were requested
     """
 
@@ -71,7 +71,12 @@ class NetImport:
     @property
     def held(self) -> np.ndarray:
         """Nodes (n,) bool with a support, elastic or not."""
-        return self.fixed if self.spring is None else self.fixed | self.spring.any(1)
+        return np.asarray(self.held_axes.any(1))
+
+    @property
+    def held_axes(self) -> np.ndarray:
+        """Axes (n, 3) bool along which nodes have a support, elastic or not."""
+        return self.fixed if self.spring is None else self.fixed | (self.spring > 0.0)
 
     def place(self, x: np.ndarray) -> str:
         """Format a point in metres, and in the unit of the drawing."""
@@ -110,7 +115,7 @@ def read_net(path: Path, options: ImportOptions) -> NetImport:
     net = join.join(drawing.lines, options.tolerance)
     if not len(net.ends):
         raise InputError(messages.ONLY_SHORT_LINES(path=path, tolerance=options.tolerance))
-    reading = NetImport(path, options, drawing, net, np.zeros(len(net.x), bool), lines, [])
+    reading = NetImport(path, options, drawing, net, np.zeros((len(net.x), 3), bool), lines, [])
     _report_joining(reading)
     _split_elements(reading)
     _set_springs(reading)
@@ -268,11 +273,12 @@ def _on_support_layer(reading: NetImport, layer: str | None = None) -> np.ndarra
 
 
 def _supports(reading: NetImport) -> np.ndarray:
-    """Select the nodes (n,) with a rigid support, and report their source."""
+    """Select the axes (n, 3) of the nodes with a rigid support, and report their source."""
     drawing, net, option = reading.drawing, reading.net, reading.options.supports
-    fixed = np.zeros(len(net.x), bool)
+    fixed = np.zeros((len(net.x), 3), bool)
     if option == OUTLINE or (option is None and not len(drawing.held)):
-        fixed, roofs = _outline(net)
+        outline, roofs = _outline(net)
+        fixed[outline] = True
         of_parts = f" of each of {roofs} parts" if roofs > 1 else ""
         source = f"nodes on the outline{of_parts}, and ends of single elements"
         advice = "" if option else "; --supports names a layer, points or outline"
@@ -283,22 +289,23 @@ def _supports(reading: NetImport) -> np.ndarray:
             fixed[net.ends[_on_support_layer(reading, option)]] = True
         source = {None: "as given in the file", AT_POINTS: "at points"}.get(option, f'layer "{option}"')
         advice = ""
-        _mark_supports(reading, marks, fixed)
+        axes = drawing.held_axes if option is None else np.ones((len(marks), 3), bool)
+        _mark_supports(reading, marks, axes, fixed)
     if reading.spring is not None:
-        fixed &= ~reading.spring.any(1)
-    reading.lines.append(f"supports: {int(fixed.sum())} of {len(fixed)} nodes are held ({source}){advice}")
-    meaning = "nodes are held along some axes only, which is not imported; use the columns fixed_x, ..."
-    reading.tell("held in part", meaning, drawing.in_part)
+        fixed[reading.spring.any(1)] = False
+    count, in_part = int(fixed.any(1).sum()), int((fixed.any(1) & ~fixed.all(1)).sum())
+    source += f"; {in_part} along some axes only" * (in_part > 0)
+    reading.lines.append(f"supports: {count} of {len(fixed)} nodes are held ({source}){advice}")
     return fixed
 
 
-def _mark_supports(reading: NetImport, marks: np.ndarray, held: np.ndarray) -> None:
-    """Set held (n,) bool at nodes with marks (k, 3) [m] of supports; report the other marks."""
+def _mark_supports(reading: NetImport, marks: np.ndarray, axes: np.ndarray, held: np.ndarray) -> None:
+    """Set held (n, 3) bool at nodes with marks (k, 3) [m] of supports with these axes; report other marks."""
     from scipy.spatial import cKDTree
 
     distance, node = cKDTree(reading.net.x).query(marks)
     at_node = distance <= reading.options.tolerance
-    held[node[at_node]] = True
+    np.logical_or.at(held, node[at_node], axes[at_node])
     missed, distance = marks[~at_node], distance[~at_node]
     places = [
         f"{1e3 * d:.4g} mm from the nearest node, at {reading.place(x)}" for d, x in zip(distance, missed)
@@ -311,14 +318,15 @@ def _set_springs(reading: NetImport) -> None:
     if reading.options.springs is None:
         return
     drawing, net, (layer, stiffness) = reading.drawing, reading.net, reading.options.springs
-    sprung = np.zeros(len(net.x), bool)
+    sprung = np.zeros((len(net.x), 3), bool)
     sprung[net.ends[_on_support_layer(reading, layer)]] = True
-    _mark_supports(
-        reading, drawing.points[np.isin(drawing.point_layer, rows_with_name(layer, drawing.layers))], sprung
-    )
-    reading.spring = np.where(sprung[:, None], np.array(stiffness), 0.0)
+    marks = drawing.points[np.isin(drawing.point_layer, rows_with_name(layer, drawing.layers))]
+    _mark_supports(reading, marks, np.ones((len(marks), 3), bool), sprung)
+    reading.spring = np.where(sprung, np.array(stiffness), 0.0)
     text = " x ".join(f"{k:g}" for k in stiffness)
-    reading.lines.append(f'springs: {count_of(int(sprung.sum()), "node")} of layer "{layer}" on {text} N/m')
+    reading.lines.append(
+        f'springs: {count_of(int(sprung.all(1).sum()), "node")} of layer "{layer}" on {text} N/m'
+    )
 
 
 def _outline(net: join.JoinedNet) -> tuple[np.ndarray, int]:
