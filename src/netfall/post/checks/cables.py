@@ -418,12 +418,22 @@ def excessive_load_warnings(f: h5py.File, cutting: Cutting) -> list[str]:
     return [messages.EXCESSIVE_MEASURING_LOAD(load=cutting.load, count=count, names=shown, strength=first)]
 
 
-def missing_strength_warnings(f: h5py.File, checks: list[Check]) -> list[str]:
-    """Return a warning if cables have no breaking force to check, although they yield or others have one."""
-    strengths = tensile_strengths(f)
-    missing = np.isinf(strengths["breaking_load"]) & (f["net/bar"][:] == 0)
-    missing &= np.isfinite(strengths["yield_force"]) | np.isfinite(strengths["breaking_load"]).any()
-    used = [strength for check in checks for strength, _ in check.resistances]
+def missing_strength_warnings(
+    f: h5py.File, envelope: states.Envelope, checked: list[ElementCheck]
+) -> list[str]:
+    """Return a warning if the tension of elements is not checked although others have a strength.
+
+    It names cables without a breaking force, and bars in tension without any strength.
+    """
+    has_force, yields = (np.isfinite(strength) for strength in tensile_strengths(f).values())
+    is_bar = f["net/bar"][:] == 1
+    unchecked = ~is_concrete(f) & (envelope.most > NEGLIGIBLE * envelope.most.max())
+    for one in checked:
+        if not one.check.compression:
+            unchecked &= np.isnan(one.resistance)
+    lacking = np.where(is_bar, unchecked, ~has_force)
+    missing = lacking & (has_force.any() | np.where(is_bar, yields.any(), yields))
+    used = [strength for one in checked for strength, _ in one.check.resistances]
     if "breaking_load" not in used or not missing.any():
         return []
     elements = count_with_ids("element", f["net/element_id"][:][missing])

@@ -100,7 +100,7 @@ def write_report(
         rigid_ends, notes = read_deductions(deductions, groups, types)
         tables = _tables(f, envelope, checked, cutting, rigid_ends)
         warnings = cables.excessive_load_warnings(f, cutting)
-        warnings += cables.missing_strength_warnings(f, checks)
+        warnings += cables.missing_strength_warnings(f, envelope, checked)
         warnings += cables.unchecked_compression_warnings(f, envelope, checked)
         warnings += euler_alone_warnings(f, envelope)
         warnings += unchecked_bending(f, envelope, checked[0].unchecked)
