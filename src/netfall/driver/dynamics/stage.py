@@ -228,10 +228,6 @@ class Simulation(Stepper):
         self.update_envelope()
         return True
 
-    def update_envelope(self) -> None:
-        """Update the envelope at the present step, and make its history row if it is due and missing."""
-        self.plan.run(self.interval(self.n)._replace(row=True), self.phases.of_steps)
-
     def snapshot(self) -> energy.Snapshot:
         """Take a snapshot of the present step, with the loads at its time. It replaces the last snapshot."""
         self.loads.advance(self.state, self.n)

@@ -233,6 +233,8 @@ class Stepper:
             if long == 1:
                 self.advance_through_fractures(stop)
             elif self.advance_to_first_fracture(stop):
+                if self.rows.is_due(self.n):  # with the long step, as at an output
+                    self.update_envelope()
                 self.stride, self.short_until = 1, self.n + SHORT_SPAN * long
             return
         self.advance_through_fractures(min(stop, self.short_until))
@@ -268,6 +270,10 @@ class Stepper:
         self.loads.redistribute(redistribution, self.distribution)
         if self.tearing:
             self.tearing.redistribute(redistribution)
+
+    def update_envelope(self) -> None:
+        """Update the envelope at the present step, and make its history row if it is due and missing."""
+        self.plan.run(self.interval(self.n)._replace(row=True), self.phases.of_steps)
 
     def interval(self, stop: int, trial: bool = False) -> Interval:
         """Return the interval from the present step to number `stop`, with the present stride."""
