@@ -1,12 +1,14 @@
 """Run job.toml of folders on the CPU and in numba's simulator of a GPU: python gpu_runs.py HOW FOLDER ...
 
 HOW: alone, each net in all blocks as `netfall run` does; together, a net in each block, as studies do;
-crowded, the same on a device that has memory for one net only.
+crowded, the same on a device that has memory for one net only; looped, alone, but each launch runs the loop
+of the CPU on the memory of the device, which is fast enough for many steps.
 Prints a line for each folder: its name, the exit codes, and the first datasets and outcomes that differ.
 """
 
 import os
 import sys
+from collections import Counter
 from functools import partial
 from pathlib import Path
 
@@ -20,6 +22,8 @@ from netfall.core.errors import DivergedError, InputError
 from netfall.core.progress import Progress
 from netfall.driver.run import run_job
 from netfall.driver.sample import run_sample
+from netfall.explicit.loop import Interval, time_loop
+from netfall.gpu import kernels, stepper
 from netfall.gpu.plan import plan_maker
 from netfall.gpu.stepper import Gpu, GpuNet
 from netfall.gpu.together import Together
@@ -70,6 +74,41 @@ def leave_memory_for_one_net() -> None:
     GpuNet.allocate = allocate_alone
 
 
+MOST_UPLOADS = 20  # in a run of a collapse: of the whole state, after removals and new detached parts
+
+
+class LoopKernel:
+    """`kernels.advance` by the loop of the CPU."""
+
+    def __getitem__(self, size: tuple[int, int]) -> object:
+        return self.advance
+
+    def advance(self, orders, lengths, inputs, memories) -> None:
+        """Advance the only net."""
+        order, (memory,), work = orders[0], memories, memories[0].work
+        memory.inputs[:] = inputs.copy_to_host()
+        if order[kernels.TRIAL] and work.breaks:
+            memory.saved[:] = memory.rest
+        first, steps, stride, trial, row = order[: kernels.ROW + 1].copy_to_host().tolist()
+        interval = Interval(first, steps, *lengths[0].copy_to_host().tolist(), stride, trial > 0, 0, row > 0)
+        order[kernels.DONE], order[kernels.PENDING], _ = time_loop(interval, work)
+        order[kernels.MADE], order[kernels.TABLE_ROWS] = work.rows.made
+        order[kernels.EVENT_COUNT] = work.spare.events[0]
+
+
+def loop_in_launches() -> None:
+    """Use `LoopKernel`, and refuse more uploads than MOST_UPLOADS of a net."""
+    stepper.advance_kernel = lambda in_blocks: LoopKernel()
+    upload, counts = GpuNet.upload, Counter()
+
+    def upload_counted(net: GpuNet) -> None:
+        counts[net] += 1
+        assert counts[net] <= MOST_UPLOADS
+        upload(net)
+
+    GpuNet.upload = upload_counted
+
+
 def same(a: object, b: object) -> bool:
     """Return whether two outcomes have the same bits."""
     return a == b or (a != a and b != b)
@@ -77,7 +116,9 @@ def same(a: object, b: object) -> bool:
 
 np.seterr(all="ignore")  # kernels compute infinities without a warning
 how, folders = sys.argv[1], [Path(name) for name in sys.argv[2:]]
-if how == "alone":
+if how == "looped":
+    loop_in_launches()
+if how in ("alone", "looped"):
     on_cpu = [{"exit_code": run_alone(folder, "cpu")} for folder in folders]
     on_gpu = [{"exit_code": run_alone(folder, "gpu")} for folder in folders]
 else:

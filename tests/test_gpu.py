@@ -86,6 +86,15 @@ def test_yield_and_extremes_between_rows_have_the_bits_of_the_cpu(tmp_path):
     assert run_on_both([tmp_path], "alone")["yielded"]
 
 
+@pytest.mark.parametrize("after", ["detached", "particle"])
+def test_a_collapse_changes_little_of_the_state_on_the_host(tmp_path, after):
+    """Its bits are those of the CPU, and the host copies the state to the GPU a few times only."""
+    text = (ROOT / "jobs" / "stadium.toml").read_text().replace('"detached"', f'"{after}"')
+    text = text.replace("speed = 54.0", "speed = 70.0").replace("duration = 6.0", "duration = 2.0")
+    (tmp_path / "job.toml").write_text(text)
+    assert run_on_both([tmp_path], "looped")["broken"]
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("how", ["alone", "together"])
 def test_a_gpu_gives_the_bits_of_the_cpu_for_random_nets(tmp_path, how):

@@ -188,12 +188,16 @@ class StepPlan:
             particles_in_line(state),
         )
 
-    def collect(self) -> None:
-        """Bring the state up to date before Python reads or changes it.
+    def read(self, *arrays: np.ndarray) -> None:
+        """Bring arrays of the state, or all, up to date before Python only reads them.
 
         The loop changes plastic strain, heat and extremes of the elements in slots alone.
         """
         loop.collect_slots_now(self._works[False])
+
+    def collect(self) -> None:
+        """Bring the state up to date before Python reads or changes it."""
+        self.read()
 
     def take_rows(self) -> Table:
         """Remove the rows so far from the table, and return them. Only with a history."""

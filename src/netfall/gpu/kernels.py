@@ -37,12 +37,12 @@ split: Any = split_particles
 remove: Any = remove_broken_element
 
 # Columns of an order: the task of a net in a launch, and then the work done.
-# FIRST to TRIAL : of an `Interval`; BEGIN : of the inputs of the net
+# FIRST to ROW : of an `Interval`; BEGIN : of the inputs of the net
 # MADE, TABLE_ROWS, EVENT_COUNT : out, counters of `Rows` and `Events`
 # DONE, PENDING : out, what `time_loop` returns first and second
 # COUNTS : three numbers of elements that break in this step, the last, and the next
-FIRST, STEPS, STRIDE, TRIAL, BEGIN, MADE, TABLE_ROWS, EVENT_COUNT, DONE, PENDING, COUNTS = range(11)
-COLUMNS = 17  # with those from `rows.LARGEST` on
+FIRST, STEPS, STRIDE, TRIAL, ROW, BEGIN, MADE, TABLE_ROWS, EVENT_COUNT, DONE, PENDING, COUNTS = range(12)
+COLUMNS = 18  # with those from `rows.LARGEST` on
 
 
 def break_element(e: Any, time: Any, step: Any, dt: Any, elements: Any, law: Any, fractures: Any) -> Any:
@@ -113,6 +113,7 @@ def advance(orders: Any, lengths: Any, inputs: Any, addresses: Any) -> None:
     order, memory = orders[net], net_at(addresses[net])
     work = memory.work
     first, steps, stride, trial = order[FIRST], order[STEPS], order[STRIDE], order[TRIAL] != 0
+    only_row = order[ROW] != 0
     before_dt, dt, zeta = lengths[net, 0], lengths[net, 1], lengths[net, 2]
     sample_time, sample_dt = lengths[net, 3], lengths[net, 4]
     scratch = ScratchOfThread(  # type: ignore[call-arg]
@@ -126,11 +127,11 @@ def advance(orders: Any, lengths: Any, inputs: Any, addresses: Any) -> None:
     begin(thread, threads, order, inputs, memory)
     in_second = False  # whether x(n) is in the second array
     last_dt_v, done = -1.0, steps
-    for s in range(steps):
+    for s in range(max(steps, order[ROW])):
         n = first + s
         share, dt_v = (n * dt - sample_time) / sample_dt, 0.5 * (before_dt + dt)
         moment = dt_v, share, dt, zeta
-        if is_due(n * stride, work.rows):
+        if only_row or is_due(n * stride, work.rows):
             if in_second:
                 return_positions(thread, threads, work)
                 in_second = False
@@ -140,6 +141,8 @@ def advance(orders: Any, lengths: Any, inputs: Any, addresses: Any) -> None:
             set_air_forces(thread, threads, of_row, True, work)
             make_row(thread, threads, n * stride, before_dt, of_row, order[LARGEST:], work, scratch)
             meet()
+        if only_row:
+            break
         set_air_forces(thread, threads, moment, dt_v != last_dt_v, work)
         step_particles(thread, threads, s, in_second, moment, order[COUNTS:], work, scratch)
         before_dt, last_dt_v, in_second = dt, dt_v, not in_second

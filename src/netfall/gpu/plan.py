@@ -14,7 +14,7 @@ from netfall.explicit.loop import Interval
 from netfall.explicit.plan import StepPlan
 from netfall.explicit.sampling import Table
 from netfall.gpu import messages
-from netfall.gpu.kernels import DONE, EVENT_COUNT, MADE, PENDING, TABLE_ROWS, TRIAL
+from netfall.gpu.kernels import DONE, EVENT_COUNT, MADE, PENDING, ROW, TABLE_ROWS
 from netfall.gpu.memory import EVENTS, REST, TABLE
 from netfall.gpu.stepper import Advance, Gpu, GpuNet
 from netfall.gpu.target import cuda_module
@@ -62,37 +62,51 @@ def plan_maker(
 class GpuPlan(StepPlan):
     """`StepPlan` with time steps on a GPU.
 
-    The state is on the device or on the host. `collect` copies it to the host; it is copied back before the
-    next steps. Only loads and counters are copied every time.
+    Only loads and counters are copied at each launch. `read` copies to the host what the device has changed
+    since. After `collect` or `attach` the whole state is copied back before the next steps.
     """
 
     def __init__(self, gpu: Gpu, advance: Advance | None, state: State, *more: Any, **named: Any):
         """advance : advances the net by its order, together with others; None: immediately"""
         self._gpu, self.net = gpu, GpuNet()
         self._advance = advance or (lambda net: gpu.advance([net] if net else []))
-        self._on_host = True
+        self._on_device = False  # whether the device has the state
+        self._newer: set[int] = set()  # groups of arrays that only the device has
         super().__init__(state, *more, **named)
 
-    def collect(self) -> None:
-        """Bring the state to the host."""
-        if not self._on_host:
-            self.net.fetch(EVENTS, REST)
+    def read(self, *arrays: np.ndarray) -> None:
+        """Bring the count of rows and arrays of the state, or all arrays, to the host."""
+        is_newer = REST in self._newer
+        if is_newer and arrays:
+            for array in filter(np.size, (self.state.rows, *arrays)):
+                self.net.fetch_array(array)
+            return
+        self._fetch(EVENTS, TABLE, REST)
+        if is_newer:
             work = self._works[False]
             work.chunks.has_yielded[:] = work.law.plastic  # elements follow from slots only where this is set
-            self._on_host = True
+        super().read()
+
+    def collect(self) -> None:
+        """Bring the state to the host, which may then change it."""
         super().collect()
+        self._on_device = False
 
     def take_rows(self) -> Table:
         """Remove the rows so far from the table, and return them."""
-        if not self._on_host:
-            self.net.fetch(TABLE, TABLE)
+        self._fetch(TABLE)
         return super().take_rows()
 
     def logged_events(self) -> dict[str, np.ndarray]:
         """Return the entries in the log of fractures, by column."""
-        if not self._on_host:
-            self.net.fetch(EVENTS, EVENTS)
+        self._fetch(EVENTS)
         return super().logged_events()
+
+    def _fetch(self, *groups: int) -> None:
+        """Bring groups of arrays to the host if they are newer on the device."""
+        for group in self._newer.intersection(groups):
+            self.net.fetch(group)
+        self._newer.difference_update(groups)
 
     def run_trial(self, interval: Interval, seconds: np.ndarray | None = None) -> int:
         """Run a trial, see `StepPlan.run_trial`; the device keeps the state before it."""
@@ -106,21 +120,23 @@ class GpuPlan(StepPlan):
         self._works[False].rows.made[:] = self._made
 
     def _steps(self, interval: Interval, seconds: np.ndarray | None) -> tuple[int, int, int]:
-        """Compute an interval on the device, but a single row, and pending fractures, on the host."""
-        if interval.row or interval.pending:
+        """Compute an interval on the device; pending fractures, and a row of a state on the host, there."""
+        if interval.pending or (interval.row and not self._on_device):
             self.collect()
             return super()._steps(interval, seconds)
-        if interval.steps == 0:
+        if interval.steps == 0 and not interval.row:
             return 0, 0, 0
         work, net, order = self._works[False], self.net, self.net.order
-        if self._on_host:
+        if not self._on_device:
             while not self._gpu.upload(net, work):
                 self._advance(None)
-            self._on_host = False
+            self._on_device = True
         made, count = work.rows.made, self.events.count
         order[:] = 0
-        order[: TRIAL + 1] = int(interval.first), int(interval.steps), interval.stride, interval.trial
+        order[: ROW + 1] = interval.first, interval.steps, interval.stride, interval.trial, interval.row
         net.lengths = interval[2:7]
         self._advance(net)
+        changes = {TABLE: order[MADE] != made[0], EVENTS: order[EVENT_COUNT] != count[0], REST: True}
+        self._newer.update(group for group, has_changed in changes.items() if has_changed)
         made[:], count[0] = (order[MADE], order[TABLE_ROWS]), order[EVENT_COUNT]
         return int(order[DONE]), int(order[PENDING]), 0

@@ -31,7 +31,7 @@ atomic_add: Any = None  # (array, index, value), as the next two
 atomic_max: Any = None
 atomic_min: Any = None
 # first column of an order for the bits of the largest speed and strain, then their particle and element
-LARGEST = 13
+LARGEST = 14
 NO_ROW = 1 << 62  # larger than any number of an element or a particle
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from netfall.core.errors import InputError
 from netfall.explicit.loop import LoopState
 from netfall.gpu import kernels, messages, scalars
-from netfall.gpu.memory import INPUTS, REST, MemoryMap, NetMemory
+from netfall.gpu.memory import INPUTS, REST, MemoryMap, NetMemory, address_of
 from netfall.gpu.target import Translator, cuda_module, is_simulated, record_reader
 
 MEMORY_SHARE = 0.9  # share of the free memory of the device for nets; kernels also need some
@@ -114,13 +114,17 @@ class GpuNet:
         words: np.ndarray = self.map.net.inputs
         return words
 
-    def fetch(self, first: int, last: int) -> None:
-        """Copy groups of arrays from the device."""
-        begin, end = self.map.bounds[first], self.map.bounds[last + 1]
+    def fetch(self, group: int) -> None:
+        """Copy a group of arrays from the device."""
+        begin, end = self.map.bounds[group], self.map.bounds[group + 1]
         copy(self.memory[begin:end], self.map.staged[begin:end])
-        for pairs in self.map.groups[first : last + 1]:
-            for array, place in pairs:
-                array[...] = place
+        for array, place in self.map.groups[group]:
+            array[...] = place
+
+    def fetch_array(self, array: np.ndarray) -> None:
+        """Copy a single array from the device."""
+        begin = self.map.offsets[address_of(array)]
+        copy(self.memory[begin : begin + array.nbytes], array.view(np.uint8).reshape(-1))
 
     def revert(self) -> None:
         """Return to what the last trial saved."""

@@ -25,6 +25,7 @@ from netfall.geometry.net import GRAVITY, connected_parts, part_is_supported
 from netfall.loads.removal import Redistribution
 from netfall.loads.wind.field import particle_speeds
 from netfall.model.model import Model
+from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import exact_sums
 from netfall.physics.air import remove_wind, subtract_air
@@ -75,15 +76,29 @@ class DetachedParts:
         """Whether any part is followed."""
         return len(self.followed) > 0
 
-    def update_state(self, state: State) -> bool:
-        """Mark the detached parts in the state; return whether the wind on new parts ended. Collective."""
+    def arrays_read(self, state: State) -> list[np.ndarray]:
+        """Return the arrays of a state that `find_parts` and `record_parts` read."""
+        particles = state.particles
+        arrays = particles.mass, particles.air_mass, particles.v, particles.detached
+        return [*arrays, state.slots.other, state.elements.broken]
+
+    def find_parts(self, state: State) -> bool:
+        """Find the detached parts; return whether the state does not mark them yet. Collective."""
         parts = self._parts(state)
         self.part = self.distribution.particles(parts and parts[0])
         self.followed = self.comm.bcast(parts and parts[1])
-        first, is_detached = state.first_split, (self.part != ATTACHED).astype(np.uint8)
-        new = np.flatnonzero(is_detached & (state.detached[:first] == 0))
-        state.detached[:first] = is_detached
-        state.detached[first : state.n_local] = self._part_of_splits(state) != ATTACHED
+        differs = bool((self._marks(state) != state.detached[: state.n_local]).any())
+        return self.comm.allreduce(differs, MPI.LOR)
+
+    def _marks(self, state: State) -> np.ndarray:
+        """Return whether each particle (n_local,) is in a detached part."""
+        return np.concatenate([self.part, self._part_of_splits(state)]) != ATTACHED
+
+    def update_state(self, state: State) -> bool:
+        """Mark the detached parts in the state; return whether the wind on new parts ended. Collective."""
+        marks, first = self._marks(state), state.first_split
+        new = np.flatnonzero(marks[:first] & (state.detached[:first] == 0))
+        state.detached[: state.n_local] = marks
         if self.ends_wind and len(new):
             remove_wind(state, new)
         return self.ends_wind and len(new) > 0

@@ -202,13 +202,15 @@ class Simulation(Stepper):
 
     def at_target(self, has_frame: bool, has_checkpoint: bool) -> None:
         """Write the row, snapshot and checkpoint that are due at the present step. Collective."""
+        self.loads.advance(self.state, self.n)
+        row_made = self.make_row()
         snapshot = self.snapshot()
         if has_frame or has_checkpoint:
             strain_record = most_strained(
                 self.state, self.time, snapshot.eps, snapshot.N, self.subdomain.element_gid
             )
             self.history.most_strained = max(self.history.most_strained, strain_record)
-        if not self.make_row() and has_checkpoint:
+        if not row_made and has_checkpoint:
             self.check_energies(snapshot)
         self.collect_rows()
         if has_frame:
@@ -232,7 +234,7 @@ class Simulation(Stepper):
         """Take a snapshot of the present step, with the loads at its time. It replaces the last snapshot."""
         self.loads.advance(self.state, self.n)
         share = (self.time - self.loads.time) / self.loads.dt
-        self.plan.collect()
+        self.plan.read()
         if self.ground:
             number = self.n // self.stride
             now, after = number * self.dt, (number + 1) * self.dt
@@ -310,8 +312,9 @@ class Simulation(Stepper):
             logged = self.comm.allreduce(self.plan.event_count)
             has_changed = self.detaching.has_changed(len(self.log) + logged + removed)
             if has_changed or self.detaching.follows_any:
+                self.plan.read(*self.detaching.arrays_read(self.state))
+            if has_changed and self.detaching.find_parts(self.state):
                 self.plan.collect()
-            if has_changed:
                 self.make_row()  # row of the earlier state, independent of targets
                 if self.detaching.update_state(self.state):
                     self.plan.attach(self.state)

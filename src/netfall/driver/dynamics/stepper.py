@@ -246,7 +246,8 @@ class Stepper:
         )
         if self.n == self.short_until:
             long_dt, margin = self.schedule.long_dt, self.schedule.margin
-            self.plan.collect()
+            particles, elements = self.state.particles, self.state.elements
+            self.plan.read(elements.EA, elements.L0, elements.ends, particles.per_mass)
             if is_long_step_stable(self.comm, self.state, self.halo, long_dt, margin):
                 self.stride = long
             else:
