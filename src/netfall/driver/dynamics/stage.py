@@ -183,6 +183,7 @@ class Simulation(Stepper):
     def run(self) -> None:
         """Step from the present step to the last. Raises Interrupted, with a checkpoint, at a stop signal."""
         frames, saves = (set(steps.tolist()) for steps in (self.schedule.frames, self.schedule.checkpoints))
+        frames = frames if self.result.is_stored else set()
         removals = {removed.step for removed in self.removal.removals} if self.removal else set()
         targets = frames | saves | removals | {0, self.schedule.steps}
         self.progress.start(self.n / self.schedule.steps, self.n)
