@@ -230,6 +230,17 @@ def test_a_gpu_gives_no_times_of_parts_of_a_step(tmp_path):
             assert ("dynamics: positions" in file["provenance/timings"].attrs) == (device == "cpu")
 
 
+def test_the_comparison_of_devices_prints_no_rate_of_a_failed_study(tmp_path):
+    """The study ends with exit code 3."""
+    for name, line in {"netfall": '[ "$1" != study ] || exit 3', "python": "exit 0"}.items():
+        (tmp_path / name).write_text(f"#!/bin/bash\n{line}\n")
+        (tmp_path / name).chmod(0o755)
+    environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    command = ["bash", ROOT / "jobs" / "bench" / "gpu.sh"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment)
+    assert done.returncode == 3 and "a minute" not in done.stdout, done.stdout
+
+
 def test_a_missing_extra_is_named_in_one_line(tmp_path):
     """The job is refused before anything is computed."""
     (tmp_path / "job.toml").write_text(JOB)

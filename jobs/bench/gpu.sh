@@ -4,6 +4,7 @@
 #
 #     bash jobs/bench/gpu.sh [STORMS]     some five minutes, on a machine with netfall[gpu] and a GPU
 set -e
+shopt -s inherit_errexit # a failed study has no rate
 here=$(cd "$(dirname "$0")" && pwd)
 place=$(mktemp -d)
 trap 'rm -rf "$place"' EXIT
@@ -19,12 +20,12 @@ sys.exit("\n".join(lines) if lines else print("all datasets have the same bits")
 ' "$@"
 }
 
-seconds() { # of a study of some storms on a device
+milliseconds() { # of a study of some storms on a device
     printf 'job = "%s/../stadium.toml"\n[vary]\n"wind.seed" = {from = 1, to = %s}\n' "$here" "$2" > "$2.toml"
     local begin
-    begin=$(date +%s.%N)
+    begin=$(date +%s%N)
     netfall study "$2.toml" --device "$1" -o "$1-$2.study.h5" --quiet >&2
-    echo "$(date +%s.%N) - $begin" | bc
+    echo $((($(date +%s%N) - begin) / 1000000))
 }
 
 for device in cpu gpu; do
@@ -35,9 +36,9 @@ same cpu.vtkhdf gpu.vtkhdf
 
 rate() { # storms of the stadium a minute on a device, from 64 and from more of them
     local few more
-    few=$(seconds "$1" 64)
-    more=$(seconds "$1" "$2")
-    echo "storms of the stadium a minute, $1: $(echo "60 * ($2 - 64) / ($more - $few)" | bc)"
+    few=$(milliseconds "$1" 64)
+    more=$(milliseconds "$1" "$2")
+    echo "storms of the stadium a minute, $1: $((60000 * ($2 - 64) / (more - few)))"
 }
 rate cpu 512
 rate gpu "${1:-4000}"
