@@ -274,11 +274,19 @@ def write_tools(folder, **tools):
 
 
 @pytest.mark.parametrize("name", ["stadium", "saddle", "wheel", "olympia"])
-@pytest.mark.parametrize("number, again", [(signal.SIGUSR1, True), (signal.SIGTERM, False)])
-def test_a_slurm_script_is_resubmitted_only_after_its_time_limit(tmp_path, name, number, again):
-    """USR1 comes a minute before the limit, TERM from scancel. The run and sbatch are replaced."""
+@pytest.mark.parametrize(
+    "number, restart, again",
+    [(signal.SIGUSR1, 0, True), (signal.SIGUSR1, 1, False), (signal.SIGTERM, 0, False)],
+)
+def test_a_slurm_script_is_resubmitted_only_after_its_time_limit(tmp_path, name, number, restart, again):
+    """USR1 comes a minute before the limit, TERM from scancel. The run and sbatch are replaced.
+
+    A resumed run that is stopped without a newer checkpoint would be stopped there again.
+    """
     tools = write_tools(tmp_path, mpirun=STAND_IN, sbatch="#!/usr/bin/env bash\ntouch submitted\n")
+    (tmp_path / f"{name}.checkpoint-1-000000000000.h5").touch()
     environment = ENVIRONMENT | {"PATH": f"{tools}:{os.environ['PATH']}", "SLURM_NTASKS": "1"}
+    environment["NETFALL_RESTART"] = str(restart)
     script = subprocess.Popen(["bash", ROOT / "jobs" / f"{name}.slurm"], cwd=tmp_path, env=environment)
     wait_for((tmp_path / "started").exists)
     script.send_signal(number)
