@@ -103,13 +103,18 @@ SLACK = stage("slack", lengths="{right = {length = 9.6}}")
 PULLED_TAUT = stage("pulled", lengths="{right = {force = 300.0}}")
 
 
-def test_a_slack_cable_is_pulled_to_a_force(workshop):
-    """The cable sags in an arc at first. A stay that is installed later begins to act."""
-    stages = SLACK.replace("lengths", 'active = ["left", "right"]\nlengths')
+@pytest.mark.parametrize("temperature", [0.0, 40.0])
+def test_a_slack_cable_is_pulled_to_a_force(workshop, temperature):
+    """The cable sags in an arc at first. A stay that is installed later begins to act.
+
+    A heated cable expands more than 300 N stretch it.
+    """
+    first = f'active = ["left", "right"]\nset = {{"load.temperature" = {temperature}}}\nlengths'
+    stages = SLACK.replace("lengths", first)
     with workshop.solve(CABLES + stages + PULLED_TAUT, NODES, TWO) as f:
         assert f["stages/slack/tension"][:] == pytest.approx([WEIGHT, 0.0], rel=FOUND)  # upright on one cable
         assert f["stages/pulled/tension"][1] == pytest.approx(300.0, rel=FOUND)
-        left = hanging((5.0, None), 300.0, middle=(1.5, -4.7))[1][0]
+        left = hanging((5.0 * (1.0 + 1.2e-5 * temperature), None), 300.0, middle=(1.5, -4.7))[1][0]
         assert f["stages/pulled/tension"][0] == pytest.approx(left, rel=FOUND)
 
 

@@ -102,9 +102,8 @@ def tension_to_targets(
     reference = equilibrium.reference_force(problem, load_case)
     for count in range(1, MAX_TARGET_EQUILIBRIA + 1):
         problem.state.reset_history()  # each trial starts from the initial lengths
-        set_slipless_lengths(
-            problem.state, problem.distribution.elements(L0 if L0 is None or warm is None else warm(L0))
-        )
+        heated = L0 if L0 is None or warm is None else warm(L0)
+        set_slipless_lengths(problem.state, problem.distribution.elements(heated))
         outcome = equilibrium.solve_equilibrium(problem, load_case, reference, stop)
         measured = _measure(problem, targets) if outcome.carries else None
         size = comm.bcast(measured.size if measured else np.inf)
@@ -122,8 +121,8 @@ def tension_to_targets(
             continue
         best, last_state = min(best, size), (save_state(problem.state), L0)
         influence = influences(problem, load_case.load, targets, jacks, L0, fixed_nodes=True)
-        if problem.model and measured is not None and influence is not None and L0 is not None:
-            step = _step(problem.model.net, measured, targets, jacks, L0, influence)
+        if problem.model and measured and influence is not None and L0 is not None and heated is not None:
+            step = _step(problem.model.net, measured, targets, jacks, L0, heated / L0, influence)
             L0 = _changed(jacks, L0, step)
         if comm.bcast(problem.model and not step.any()):
             break
@@ -230,10 +229,14 @@ def _step(
     targets: list[NetTarget],
     jacks: list[Jack],
     L0: np.ndarray,
+    heating: np.ndarray,
     influence: np.ndarray,
 ) -> np.ndarray:
-    """Compute the amounts (k,) [m] of the next step. Rank 0."""
-    L = lengths(measured.x[net.elements[:, 1]] - measured.x[net.elements[:, 0]])
+    """Compute the amounts (k,) [m] of the next step. Rank 0.
+
+    heating : (m,) warm over cold lengths
+    """
+    L = lengths(measured.x[net.elements[:, 1]] - measured.x[net.elements[:, 0]]) / heating
     misses, scaled = measured.misses / measured.scale, influence / measured.scale[:, None]
     step = least_squares(scaled, -misses, MIN_INFLUENCE).x  # of Newton's method, the smallest
     for target in targets:
