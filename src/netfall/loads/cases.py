@@ -164,26 +164,18 @@ def _read_case_wind(zones: Zones, job: Job, case: Case) -> tuple[dict[str, Any],
     wind = static_wind(job.wind or Wind(), case)
     sectors = read_sectors(replace(job, wind=wind), zones.names)
     notes = list(sectors.notes) if sectors else []
-    others = [
-        job.wind,
-        *(static_wind(job.wind or Wind(), each) for each in job.cases if has_static_wind(each)),
-    ]
-    if "wind.direction" in case.set and any(
-        _differ_only_in_direction(wind, other) for other in others if other
-    ):
+    winds: list[Wind] = [static_wind(job.wind or Wind(), each) for each in job.cases if has_static_wind(each)]
+    winds = [*winds, job.wind] if job.wind else winds
+    directions = {each.direction for each in winds if _coefficients(each) == _coefficients(wind)}
+    if "wind.direction" in case.set and len(directions) > 1 and not wind.sectors and any(_coefficients(wind)):
         origin = describe_origin(wind.direction)
         notes.append(messages.CASE_DIRECTION_IGNORED(case=case.name, direction=wind.direction, origin=origin))
     return {"wind": with_coefficients(wind, sectors, zones.of_parts), "sectors": sectors}, notes
 
 
-def _differ_only_in_direction(wind: Wind, other: Wind) -> bool:
-    """Return whether winds of different directions have the same pressure coefficients, other than 0."""
-    name = "pressure_coefficient"
-    if wind.sectors or wind.direction == other.direction or not any(wind.all_values(name)):
-        return False
-    return wind.pressure_coefficient == other.pressure_coefficient and (
-        wind.zone_values(name) == other.zone_values(name)
-    )
+def _coefficients(wind: Wind) -> tuple[Any, ...]:
+    """Return the pressure coefficients of a wind, of the roof and of the zones."""
+    return wind.pressure_coefficient, wind.zone_values("pressure_coefficient")
 
 
 def _read_case_pressures(job: Job, case: Case) -> tuple[dict[str, Any], list[str]]:
