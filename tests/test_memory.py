@@ -48,7 +48,6 @@ AFTER_REST = {
     "title": "a name",
     "text": "its values stand in the sections; what else stands there is comments",
     "overrides": "their values stand in the sections",
-    "warnings": "on values, which stand in the sections",
     "zone_rows": "places of values, which stand in the sections",
     "output.frames": "of the dynamic stage",
     "output.history_interval": "of the dynamic stage",
@@ -69,7 +68,6 @@ NOT_ASKED = {
     "path": "the same job elsewhere, with the same files, is the same job",
     "text": "its values stand in the sections; what else stands there is comments",
     "overrides": "their values stand in the sections",
-    "warnings": "on values, which stand in the sections",
     "zone_rows": "places of values, which stand in the sections",
 }
 
@@ -135,7 +133,6 @@ def changed(job):
     yield "title", replace(job, title="another")
     yield "text", replace(job, text="[net]  # a comment\n")
     yield "overrides", replace(job, overrides=("wind.speed=30",))
-    yield "warnings", replace(job, warnings=("warning: an implausible value",))
     yield "zone_rows", replace(job, zone_rows=(("one", "b.csv: line 2: zone"),))
     yield "path", replace(job, path=job.path.with_name("other.toml"))
 
