@@ -427,7 +427,7 @@ def missing_strength_warnings(
     """
     has_force, yields = (np.isfinite(strength) for strength in tensile_strengths(f).values())
     is_bar = f["net/bar"][:] == 1
-    unchecked = ~is_concrete(f) & (envelope.most > NEGLIGIBLE * envelope.most.max())
+    unchecked = ~is_concrete(f) & (envelope.most > NEGLIGIBLE * np.nanmax(envelope.most))
     for one in checked:
         if not one.check.compression:
             unchecked &= np.isnan(one.resistance)
