@@ -292,7 +292,7 @@ def element_columns(
         "broken_at": removals.fracture_times(f),
     }
     if envelope.slack_time is not None:
-        columns["slack_time"] = envelope.slack_time
+        columns["slack_time"] = np.where(np.isnan(envelope.most), np.nan, envelope.slack_time)
     if "removal" in f:
         columns |= removals.largest_after_removals(f)
     columns |= bar_columns(f) | moment_columns(envelope)
