@@ -777,6 +777,8 @@ WRONG_VARY = [  # below [vary]
     ("removed = [1]", "removed = 1: expected a key of the job, SECTION.KEY"),
     ("remove = {time = 1.0}", 'expected {each = "element", ...}'),
     ('"modes.count" = [2]', "modes.count: no outcome of a sample depends on it"),
+    ('"cable.strength_seed" = [1, 2, 3]', "cable.strength_seed: no outcome of a sample depends on it"),
+    ('"wind.seed" = [1, 2]\n"wind.surface_drag" = [0]', "wind.seed: no outcome of a sample depends on it"),
     ('"limits.displacement" = [1, 2]', "limits.displacement: no outcome of a sample depends on it"),
     ('"net.saddle.cells" = [4, 6]\nremove = {each = "element", time = 1.0}', "make one study per net"),
     ('"wind.seed" = [1]\n[run]\nkeep_results = "some"', 'keep_results = "some": expected one of "none"'),
@@ -827,6 +829,19 @@ def test_a_strength_that_each_group_overrides_is_refused(tmp_path, where):
     job.write_text(job.read_text() + "[group.b]\nbreaking_load = 1e6\n")
     (line,) = error_lines(read_study_plan, study)
     assert "cable.breaking_load: no outcome of a sample depends on it" in line
+
+
+@pytest.mark.parametrize(
+    ("key", "values", "seed"),
+    [
+        ("cable.strength_cov", "[0.0, 0.1]", "cable.strength_seed"),
+        ("wind.surface_drag", "[0.0, 0.005]", "wind.seed"),
+    ],
+)
+def test_a_seed_whose_scatter_varies_from_0_is_accepted(tmp_path, key, values, seed):
+    """At the first value of the scatter the seed has no effect, at the second it has."""
+    text = f'{OF_STUDY}[vary]\n"{key}" = {values}\n"{seed}" = [1, 2, 3]\n'
+    assert len(read_study_plan(write(tmp_path, text))) == 6
 
 
 def test_limits_of_displacements_warn_if_supports_move(tmp_path):

@@ -24,7 +24,7 @@ from netfall.job.read import read_job, read_toml
 from netfall.job.toml_text import toml_value
 from netfall.job.validate import Validator
 from netfall.job.values import format_list, format_value, suggest
-from netfall.physics.wind_spectra import turbulence_intensity
+from netfall.physics.wind_spectra import make_gust, turbulence_intensity
 from netfall.results.datasets import OUTCOME_BY_NAME
 from netfall.study import messages, sections
 from netfall.study.answers.hazard import Hazard
@@ -40,6 +40,7 @@ WITHOUT_OUTCOME = (
     *("*.buckling_curve", "*.section_modulus", "*.design_strength"),
 )
 TURBULENCE = {"wind.turbulence_intensity", "wind.surface_drag"}
+SCATTERS = ("strength_cov", "length_std")
 FACTOR = "wind.pressure_factor"
 KEYS_OF_NET = ("net.", "cable.", "group.")  # first parts of the keys from which a net is built
 
@@ -332,16 +333,20 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
             continue
         try:
             job = read_job(plan.job, [f"{n}={toml_value(v)}" for n, v in (first | {name: value}).items()])
-            makes_net = name.startswith(KEYS_OF_NET) and not is_seed(name)  # seeds draw strengths and lengths
-            net = net_unless_weak(job) if makes_net else None
-            digest = b"" if net is None else _digest_of(net)
-            nets_by_key.setdefault(name, {})[value if is_finite_number(value) else None] = digest
+            net, digests = None, nets_by_key.setdefault(name, {})
+            # two values of a seed show whether anything scatters
+            if name.startswith(KEYS_OF_NET) and not (is_seed(name) and len(digests) > 1):
+                net = net_unless_weak(job)
+                digests[value if is_finite_number(value) else None] = b"" if net is None else _digest_of(net)
         except InputError as error:
             new_lines = [line for line in error.lines if line not in seen]
             errors += [f"{plan.path}: {name} = {format_value(value)}: {line}" for line in new_lines]
             seen.update(new_lines)
         else:
             files |= dict.fromkeys(job.files())
+            has_gusts = job.wind is None or make_gust(job.wind) or TURBULENCE & {*plan.inputs} - shared
+            if name == "wind.seed" and name not in shared and not has_gusts:
+                errors.append(messages.KEY_OF_RUNS(path=plan.path, name=name))
             if job.dynamics is None and not has_statics(job):
                 errors.append(messages.NOTHING_TO_RUN(job=plan.job))
             elif job.dynamics is None and plan.loss:
@@ -367,18 +372,19 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
 
 
 def _keys_without_effect(nets_by_key: dict[str, dict[Any, bytes]]) -> list[str]:
-    """Return the keys of elements that do not change the net, such as those that each group overrides.
+    """Return the keys of elements that do not change the net, such as seeds without a scatter.
 
     nets_by_key : digest of the net for each value of each key, other keys at their first values; b"": no
         net. Value None: no number. Such a first value may hide the effects of other keys, so none is returned
     """
     if any(None in nets for name, nets in nets_by_key.items() if name.startswith(KEYS_OF_NET)):
         return []
-    of_elements = {name: nets for name, nets in nets_by_key.items() if not name.startswith("net.")}
+    scatters = any(name.endswith(SCATTERS) and len(nets) > 1 for name, nets in nets_by_key.items())
     return [
         name
-        for name, nets in of_elements.items()
-        if len(nets) > 1 and len({*nets.values()}) == 1 and b"" not in nets.values()
+        for name, nets in nets_by_key.items()
+        if len(nets) > 1 and len({*nets.values()}) == 1 and not name.startswith("net.")
+        if b"" not in nets.values() and not (is_seed(name) and scatters)
     ]
 
 
