@@ -6,11 +6,13 @@ of the CPU on the memory of the device, which is fast enough for many steps.
 Prints a line for each folder: its name, the exit codes, and the first datasets and outcomes that differ.
 """
 
+import gc
 import os
 import sys
 from collections import Counter
 from functools import partial
 from pathlib import Path
+from weakref import WeakSet
 
 os.environ["NUMBA_ENABLE_CUDASIM"] = "1"  # before numba is imported
 
@@ -58,15 +60,17 @@ def run_all_together(folders: list[Path]) -> list[dict]:
     for folder in folders:
         together.start(lambda advance, f=folder: results.update({f: run_as_sample(f, "gpu", advance, gpu)}))
     together.join()
+    gc.collect()
+    assert not any(isinstance(kept, GpuNet) for kept in gc.get_objects()), "nets of ended tasks"
     return [results[folder] for folder in folders]
 
 
 def leave_memory_for_one_net() -> None:
     """Let a net have memory only if no other net has some."""
-    allocate, nets = GpuNet.allocate, []
+    allocate, nets = GpuNet.allocate, WeakSet()
 
     def allocate_alone(net: GpuNet, work: object) -> bool:
-        nets.append(net)
+        nets.add(net)
         if any(other.memory.size for other in nets if other is not net):
             return False
         return allocate(net, work)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from functools import cache
 from threading import Barrier
 from typing import Any
+from weakref import WeakSet
 
 import numpy as np
 
@@ -108,12 +109,6 @@ class GpuNet:
         self.stage(REST)
         copy(self.map.staged[: self.map.size], self.memory[: self.map.size])
 
-    def inputs(self) -> np.ndarray:
-        """Return the words of the arrays that the host changes between launches."""
-        self.stage(INPUTS)
-        words: np.ndarray = self.map.net.inputs
-        return words
-
     def fetch(self, group: int) -> None:
         """Copy a group of arrays from the device."""
         begin, end = self.map.bounds[group], self.map.bounds[group + 1]
@@ -139,7 +134,7 @@ class Gpu:
 
     def __init__(self, in_blocks: bool = False):
         self.in_blocks = in_blocks
-        self._nets: set[GpuNet] = set()
+        self._nets: WeakSet[GpuNet] = WeakSet()
 
     def upload(self, net: GpuNet, work: LoopState) -> bool:
         """Copy a net to the device; return whether it fits.
@@ -147,8 +142,7 @@ class Gpu:
         Raises InputError if it does not fit even without other nets.
         """
         if not net.allocate(work):
-            self._nets = {other for other in self._nets if other.memory.size}
-            if not self._nets:
+            if not any(other.memory.size for other in self._nets):
                 needed = net.map.staged.size / MEMORY_SHARE
                 raise InputError(messages.TOO_LARGE(needed=needed / 1e9, free=free_memory() / 1e9))
             return False
@@ -161,7 +155,9 @@ class Gpu:
         if not nets:
             return
         orders, lengths = np.array([net.order for net in nets]), np.array([net.lengths for net in nets])
-        inputs = [net.inputs() for net in nets]
+        for net in nets:
+            net.stage(INPUTS)
+        inputs = [net.map.net.inputs for net in nets]
         orders[1:, kernels.BEGIN] = np.cumsum([len(words) for words in inputs[:-1]])
         cuda, addresses = cuda_module(), tuple(net.address for net in nets)
         on_device = cuda.to_device(orders)
