@@ -99,6 +99,7 @@ def find_sliding_cables(
     errors: list[str] = []
     pairs: dict[Any, Any] = {}
     slips: dict[Any, Any] = {}
+    bare = _is_only_cable(job, net, zones, loaded)
     for number, entry in enumerate(job.slides, 1):
         rows, entry_errors = _entry_elements(net, entry)
         # the elements of the group, or of each cable
@@ -115,6 +116,8 @@ def find_sliding_cables(
                 nodes = counted("node", net.node_id[missing])
                 entry_errors.append(messages.NO_CABLE_THROUGH(nodes=nodes))
             slipping = [pair for pair in slipping if pair.node in chosen]
+        else:  # nodes that only subdivide a cable are no saddles, unless there are no others
+            slipping = [pair for pair in slipping if not bare[pair.node]] or slipping
         for pair in slipping:
             if pair in slips:
                 node = net.node_id[pair.node]
@@ -122,7 +125,6 @@ def find_sliding_cables(
             slips.setdefault(pair, (entry, number))
         errors += [f"{job.path}: [[slide]] {number}: {line}" for line in entry_errors]
     errors += [f"{job.path}: [[slide]]: {line}" for line in _crowding_errors(net, pairs, slips)]
-    bare = _is_only_cable(job, net, zones, loaded)
     return (None if errors else _order_along_cables(net, pairs, slips, bare)), errors
 
 

@@ -146,7 +146,9 @@ class Slide(Section):
 
     group: Text | None = key("group whose cables slide over nodes")
     cables: Words | None = key("or the names of the cables that slide")
-    nodes: Ids | None = key("ids of the slip points; absent: every node inside these cables")
+    nodes: Ids | None = key(
+        "ids of the slip points; absent: nodes with loads, supports or other elements, else all"
+    )
     friction: float = key("coefficient of friction of a saddle", 0.0, ge=0.0, le=10.0)
     slip_resistance: float = key("slip resistance of a clamp", 0.0, unit="N", ge=0.0, le=1e12)
 
