@@ -10,7 +10,7 @@ from conftest import STEEL, assert_same_results, run_on_standing_ranks
 from mpi4py import MPI
 from nets import problem_of
 
-from netfall.core.errors import DivergedError
+from netfall.core.errors import DivergedError, UndecidedError
 from netfall.core.progress import Progress
 from netfall.core.timings import NEVER_STOP
 from netfall.driver.run import run_job
@@ -172,6 +172,21 @@ def statics_of(job):
     scene, path = problem_of(read_job(job)), StaticPath()
     find_equilibria(scene, Mock(stop=NEVER_STOP), path)
     return scene, path.steps[-1]
+
+
+def test_a_load_that_only_rough_trials_carry_is_undecided(workshop, monkeypatch):
+    """Each precise search diverges; the trials of the limit load, at 1e-3, reach the whole load."""
+    find = solver.EquilibriumFinder.find
+
+    def find_roughly(finder, load, criterion, stop=NEVER_STOP):
+        if criterion.tolerance < 1e-3:
+            raise DivergedError("not within the tolerance")
+        return find(finder, load, criterion, stop)
+
+    monkeypatch.setattr(solver.EquilibriumFinder, "find", find_roughly)
+    job = workshop.job(CABLES.format(steps=1), nodes(0.5 * carried()), ENDS)
+    with pytest.raises(UndecidedError, match="not within the tolerance"):
+        run_job(MPI.COMM_SELF, read_job(job), workshop.folder / "rough.vtkhdf", Progress(True))
 
 
 SIDEWAYS = "id,x,y,z,fixed,load_x\n1,0,0,0,1,0\n2,0,0,-10,0,0\n3,0,0,-20,0,{load}\n"

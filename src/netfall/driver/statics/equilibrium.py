@@ -256,7 +256,11 @@ class Search:
         self.missing_load = self.finder.residual(self.load_case.load)
         share, beyond, equilibrium = self.limit_by_trials(full_load)
         if share == 1.0:
-            return self.carried_outcome(equilibrium)
+            trial = save_state(self.state)
+            beyond, precise = self.try_load(self.load_case.load)
+            if precise is not None:
+                return self.carried_outcome(precise)
+            restore_saved(self.state, trial)
         limit_point = None
         share *= share > limit_load.MIN_LOAD_FACTOR
         if share > 0.0:
@@ -297,7 +301,7 @@ class Search:
         high = Trial(1.0, full_load)
         low, high = limit_load.search_limit(trial, limit_load.UNLOADED, high, self.say_bracket)
         restore_saved(state, best)
-        if low.factor > 0.0:
+        if 0.0 < low.factor < 1.0:
             try:
                 equilibrium = self.find(load_at(low.factor))
             except DivergedError:  # the result keeps the estimated error of the trial
