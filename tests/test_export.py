@@ -57,6 +57,14 @@ def written_and_again(job, folder, name="r") -> list[str]:
     return lines
 
 
+def test_a_net_whose_faces_are_cut_by_zones_is_exported_without_a_job(tmp_path):
+    """nodes.csv has shares of nodes, under which faces of other directions would have other loads."""
+    zone = {"name": "corner", "polygon": [[0, 0], [9, 0], [9, 9], [0, 9]]}
+    run(FORMED | {"zone": [zone], "load": LOADS}, tmp_path / "c.vtkhdf")
+    lines = written(tmp_path / "c.vtkhdf", tmp_path / "a.csv")
+    assert any("job.toml: not written: polygons of zones cut faces" in line for line in lines)
+
+
 def both(folder, *groups):
     """Return the datasets of some groups of the results of `written_and_again`."""
     return [values_of(folder / f"{name}.vtkhdf", groups) for name in ("r", "again")]
@@ -145,8 +153,9 @@ AGAIN = {
     "logarithmic": IN_FULL | {"cable": SECTIONS | {"strain_measure": "logarithmic"}},
     "warm, as given": IN_FULL | {"load": LOADS | {"temperature": 30.0}},
     "corners and zones": FORMED | {"zone": POLYGONS, "load": LOADS | {"zone": {"corner": {"snow": 900.0}}}},
-    "cut zones": FORMED  # of a node that two of them share a zone that has it whole otherwise takes the rest
+    "cut zones": IN_FULL  # of a node that two of them share a zone that has it whole otherwise takes the rest
     | {
+        "net": TABLES | {"node_columns": TABLES["node_columns"] | {"zone": ""}},
         "zone": [
             {"name": "all", "polygon": [[-20, -20], [20, -20], [20, 20], [-20, 20]], "cut": False},
             {"name": "left", "polygon": [[-20, -20], [1, -20], [1, 20], [-20, 20]], "cut": True},

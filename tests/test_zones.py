@@ -658,6 +658,23 @@ def test_values_of_cut_zones_are_means_by_area(workshop):
         assert np.isnan(pressure[x <= 2]).all() and (pressure[x > 2] == 3.0).all()
 
 
+@pytest.mark.parametrize("roof", ["", "[roof]\nnormal = [0, 0, 1]\n"])
+def test_zones_that_meet_at_a_fold_keep_the_directions_of_their_faces(workshop, roof):
+    """A roof of 8 x 4 m with a slope of 0.5: a vertical area of 2 x 4 m on each side, at +1 and -1 kN/m2."""
+    places = [(x, y) for x in range(0, 9, 2) for y in range(0, 5, 2)]
+    rows = [f"{10 * x + y},{x},{y},{0.5 * (4 - abs(x - 4))},{int(x in (0, 8))}" for x, y in places]
+    lines = [f"{10 * x + y},{10 * x + y + 20},x" for x, y in places if x < 8]
+    lines += [f"{10 * x + y},{10 * x + y + 2},y" for x, y in places if y < 4]
+    tables = "\n".join(["id,x,y,z,fixed", *rows]), "\n".join(["start,end,group", *lines])
+    zones = rectangle("left", 0, 0, 4, 4) + rectangle("right", 4, 0, 8, 4)
+    pressures = "[load.zone.left]\npressure = 1000.0\n[load.zone.right]\npressure = -1000.0\n"
+    wind = "[wind.zone.left]\npressure_coefficient = 1.0\n[wind.zone.right]\npressure_coefficient = -1.0\n"
+    text = STEEL + STILL + "[load]\nself_weight = false\nsteps = 1\n" + pressures + WIND + wind + zones + roof
+    model = model_of(read_job(workshop.job(text, *tables)))
+    assert model.loading.live.sum(0) == pytest.approx([16e3, 0.0, 0.0], abs=1e-9)
+    assert model.wind.sum(0) / (0.5 * 1.25) == pytest.approx([16.0, 0.0, 0.0], abs=1e-12)
+
+
 def test_a_cut_without_faces_has_no_effect(workshop):
     nodes, elements = grid()
     first, *rows = nodes.splitlines()

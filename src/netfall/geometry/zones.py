@@ -30,7 +30,7 @@ class Zones:
 
     names : in order; a node in several whole zones belongs to the last of them
     share : (n, z + 1) of each node's area in each zone, then outside all zones
-    corners : zones of the face corners at nodes, for a roof with `[roof] normal`; None: as nodes
+    corners : zones of the face corners at nodes, if polygons cut, or with `[roof] normal`; None: as nodes
     nodes : (n,) bool for each zone, nodes that its name selects; of `subdivide` only those that are in it
     """
 
@@ -88,8 +88,7 @@ class RoofAreas:
     """Areas on which loads act: surface and plan (n,) [m2], upward vector area (n, 3) [m2], and zones.
 
     centre : (n, 3) [m], of the area of each node; None: of parts
-    corners : shares and areas of the corners of the faces, for a roof with `[roof] normal`, where nodes may
-    have zones of different directions; None: loads act on the areas of the nodes
+    corners : shares and areas of the corners of faces, with zones of their own; None: loads act at the nodes
     slender : elements on which wind and ice act, or None
     """
 
@@ -151,7 +150,8 @@ def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
         cutter = PolygonCutter(net, roofing.faces, roofing.given.shares)
     zones = Zones(names, _shares(net, entries, halves, cutter))
     tables_give = np.isfinite(net.area).any() or np.isfinite(net.normal).any() or net.zone_share is not None
-    if net.roof_axes is not None and names and len(roofing.faces) and not tables_give:
+    cut = any(cuts_areas(zone) for zone in entries) and len(zones.mixed)
+    if names and len(roofing.faces) and not tables_give and (cut or net.roof_axes is not None):
         zones = _zones_of_corners(net, roofing, zones, halves, _regions(entries), cutter)
     notes = []
     for name, each, share in zip(names, members, zones.share.T):
@@ -306,8 +306,8 @@ def _zones_of_corners(
 ) -> Zones:
     """Return zones including the zones of the corners of faces, with their shares at the nodes.
 
-    A corner is in the last zone that has all corners of its face, otherwise in the last zone that has its
-    node. inside : halves (h, n) bool of nodes in each zone
+    A corner is in the last zone that has its node; with `[roof] normal`, first in the last zone that has all
+    corners of its face. inside : halves (h, n) bool of nodes in each zone
     """
     shares, rings = roofing.given.shares, roofing.faces.rings
     points = np.ones((2 - net.parts % 2, len(net.corners)), bool)
@@ -315,10 +315,11 @@ def _zones_of_corners(
     cut = cutter.parts_of_halves(regions, cutter.corner_shares, shares.node) if cutter else {}
     rest = np.ones((len(points), len(shares.node)))
     share = np.zeros((*rest.shape, len(inside) + 1))
-    for of_whole_face in (True, False):
+    passes = (True, False) if net.roof_axes is not None else (False,)
+    for of_whole_face in passes:
         for k in range(len(inside))[::-1]:
             if k in cut:
-                part = cut[k] * of_whole_face
+                part = cut[k] * (of_whole_face == passes[0])
             else:
                 whole = np.asarray(members[k].all(0))[rings.corner]
                 outside = np.bincount(rings.face_of_corner(), ~whole, rings.count)
