@@ -20,6 +20,7 @@ from netfall.results.states import (
     start_name,
     start_position,
     start_tension,
+    support_angles,
 )
 
 MARK = "by netfall"  # mark in each exported file; only files with the mark are replaced
@@ -131,6 +132,18 @@ def export_state(result: Result, time: float | None, case: str | None) -> Export
         broken=broken,
         warnings=no_equilibrium_warnings(result.file, *places),
     )
+
+
+def guided_at_an_angle(result: Result, fixed: np.ndarray) -> np.ndarray:
+    """Select points that are held along one horizontal axis at an angle; fixed : (p, 3) bool, of a state."""
+    selected, angle = fixed[:, 0] != fixed[:, 1], support_angles(result.file)
+    selected[: len(result.nodes["id"])] &= angle is not None and angle != 0.0
+    return selected
+
+
+def held_axes(result: Result, state: ExportState) -> np.ndarray:
+    """Return the axes x, y, z (p, 3) bool along which points are held; in plan none at an angle."""
+    return state.fixed & ~(guided_at_an_angle(result, state.fixed)[:, None] & [True, True, False])
 
 
 def no_equilibrium_warnings(f: Any, *places: str) -> list[str]:

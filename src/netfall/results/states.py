@@ -205,16 +205,16 @@ def group_equilibria(f: Any, name: str) -> Iterator[StateView]:
     x = form_position(f) if name.startswith("stages/") else start_position(f)
     group, words = f[name], group_title(f, name)
     failed = no_equilibrium(group)
+    ended = f", {group.attrs['state'].replace('_', ' ')}" * failed
     if "load_factor" not in group:
         factor = group.attrs["load_factor"] if failed else np.nan
-        reached = f", load factor {factor:.4g}, reached of 1" if factor == factor else ""
-        reached = reached or f", {group.attrs['state'].replace('_', ' ')}" * failed
+        reached = f", load factor {factor:.4g}, reached of 1" if factor == factor else ended
         yield _state(group, words + reached, name, x, ...)
         return
     factors = group["load_factor"][:]
     for row, factor in enumerate(factors):
         load = f"load factor {factor:.4g}" if factor else "permanent loads"
-        reached = ", reached of 1" if failed and row == len(factors) - 1 else ""
+        reached = (", reached of 1" * failed if factor else ended) if row == len(factors) - 1 else ""
         yield _state(group, f"{words}, {load}{reached}", name, x, row)
 
 

@@ -29,10 +29,10 @@ def write(result: Result, state: ExportState, path: Path, unit: str) -> list[str
     for k, layer in enumerate(layers.values()):
         entry = drawing.layers.get(layer) if layer in drawing.layers else drawing.layers.add(layer)
         entry.color = COLOURS[k % len(COLOURS)]
-    present = ~state.out()
-    partly_held, fully_held = state.fixed.any(1), state.fixed.all(1)
+    present, held = ~state.out(), state.fixed & state.connected()[:, None]
+    partly_held, fully_held = held.any(1), held.all(1)
     marks = {SUPPORTS: np.flatnonzero(fully_held), IN_PART: np.flatnonzero(partly_held & ~fully_held)}
-    marks[SPRINGS] = read_springs(result.file).nodes
+    marks[SPRINGS] = np.intersect1d(read_springs(result.file).nodes, np.flatnonzero(state.connected()))
     counts = {layer: len(nodes) for layer, nodes in marks.items()} | {
         BROKEN: int(state.broken[present].sum())
     }

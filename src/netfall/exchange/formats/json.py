@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from netfall.exchange import messages
-from netfall.exchange.state import MARK, ExportState, lengths
+from netfall.exchange.state import MARK, ExportState, held_axes, lengths
 from netfall.job.csv_table import AXES
 from netfall.results.locks import whole
 from netfall.results.reader import Result
@@ -20,7 +20,7 @@ def write(result: Result, state: ExportState, path: Path, unit: str) -> list[str
     """Write the Graph."""
     length, present = lengths(state.position, state.ends), ~state.out()
     force_density = np.divide(state.tension, length, out=np.zeros_like(length), where=length > 0)
-    columns = (column.tolist() for column in (state.node_id, state.position, state.fixed))
+    columns = (c.tolist() for c in (state.node_id, state.position, held_axes(result, state)))
     node = {
         str(number): {**dict(zip(AXES, x)), "is_anchor": all(fixed), "fixed": fixed}
         for number, x, fixed in zip(*columns, strict=True)

@@ -10,7 +10,13 @@ from netfall.core.errors import InputError
 from netfall.core.functions import directions
 from netfall.core.progress import one_line
 from netfall.exchange import messages
-from netfall.exchange.state import ExportState, form_of, lengths, no_equilibrium_warnings
+from netfall.exchange.state import (
+    ExportState,
+    form_of,
+    guided_at_an_angle,
+    lengths,
+    no_equilibrium_warnings,
+)
 from netfall.job.values import counted
 from netfall.physics.law.measures import elastic_forces, unstressed_length
 from netfall.post.checks.nodes import sum_end_forces
@@ -21,7 +27,6 @@ from netfall.results.states import (
     StateView,
     group_equilibria,
     read_springs,
-    support_angles,
 )
 
 CONTENTS = (
@@ -107,10 +112,7 @@ def write(result: Result, state: ExportState, path: Path, unit: str) -> list[str
 
 def _check_guides(result: Result, state: ExportState, path: Path) -> None:
     """Check that nodes are guided only along x or y. Raises InputError."""
-    angle = support_angles(result.file)
-    if angle is None:
-        return
-    guided = (state.fixed[:, 0] != state.fixed[:, 1]) & (angle != 0.0)
+    guided = guided_at_an_angle(result, state.fixed)
     if guided.any():
         nodes = counted("node", state.node_id[guided])
         raise InputError(messages.GUIDED_NODES(path=path, nodes=nodes))

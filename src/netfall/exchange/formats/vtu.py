@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.exchange.state import MARK, ExportState
+from netfall.exchange.state import MARK, ExportState, held_axes
 from netfall.exchange.vtu import write_vtu
 from netfall.results.locks import whole
 from netfall.results.reader import Result
@@ -16,10 +16,11 @@ FOLDER, STATIC_ONLY, UNITS = False, False, False
 def write(result: Result, state: ExportState, path: Path, unit: str) -> list[str]:
     """Write the grid."""
     names, present = sorted(set(state.group.tolist())), ~state.out()
+    held = held_axes(result, state)
     points = {
         "node_id": state.node_id,
-        "fixed": state.fixed.all(1).astype(np.uint8),
-        "held": state.fixed.astype(np.uint8),
+        "fixed": held.all(1).astype(np.uint8),
+        "held": held.astype(np.uint8),
         "displacement": state.displacement,
     }
     cells = {
