@@ -279,6 +279,7 @@ def test_faces_of_removed_elements_are_exported(tmp_path):
     shifts = {"0": [0.0, 0.0, 0.01], "1": [0.0, 0.0, -0.01]}
     job["case"] = [{"name": "both", "settlement": shifts}]
     run(job, tmp_path / "r.vtkhdf")
+    assert "; 4 points on layer supports" in written(tmp_path / "r.vtkhdf", tmp_path / "r.dxf")[0]
     written(tmp_path / "r.vtkhdf", tmp_path / "r")
     names = ("nodes", "elements")
     job |= {"net": {name: str(tmp_path / f"r/{name}.csv") for name in names}, "stage": []}
