@@ -32,8 +32,8 @@ class DynamicEnvelope:
     """The envelope of one rank. Its rows have the order of TENSION and DISPLACEMENT.
 
     tension : (4, m); displacement : (2, n_owned)
-    reaction : (13, h) [N] highest components, lowest components, largest magnitude and its time [s], highest
-        and lowest force of the only element so far, unit vector along it
+    reaction : (16, h) [N] highest components, lowest components, largest magnitude and its time [s], highest
+        and lowest force of the only element so far, unit vector along it, load of the support
     supports : (h,) rows of the particles with a support, rigid, elastic or guided
     anchored : (2, h) their only elements if forces of each step are recorded, as in `explicit.sampling.Rows`
     moment : (m,) [N m] the largest bending moment, nan: no bending; None: no bending chains
@@ -48,7 +48,7 @@ class DynamicEnvelope:
         self.supports = np.flatnonzero(held[: subdomain.n_owned].any(1))
         self.anchored = np.full((2, len(self.supports)), -1)
         self.find_anchored(state)
-        self.reaction = np.full((13, len(self.supports)), -np.inf)
+        self.reaction = np.full((16, len(self.supports)), -np.inf)
         self.reaction[3:6] = self.reaction[9] = np.inf
         self.reaction[10:] = 0.0
         # Not np.zeros: on untouched pages a masked store costs some hundred cycles.

@@ -69,7 +69,7 @@ class Rows(Record):
     every : counted steps after which the envelope is updated if no row is made
     last : (1,) number of the step of the last envelope update
     element_gid : (m,); joint_at : (m, 2) joints at both ends of elements, as in `State`
-    tension : (4, m), displacement : (2, n_owned), moment : (m,), reaction : (13, h), as in `explicit.rows`
+    tension : (4, m), displacement : (2, n_owned), moment : (m,), reaction : (16, h), as in `explicit.rows`
     supports : (h,) rows of the particles with a support
     anchored : (2, h) the only element at each of them, and the row of its far end; -1: several, or none, or
         forces of each step are not recorded
@@ -195,32 +195,39 @@ def update_particle_envelope(p: int, time: float, rows: Rows) -> None:
 def update_reaction_envelope(i: int, time: float, share: float, rows: Rows, scratch: Scratch) -> None:
     """Include the reaction of support i at a time [s], and those at new peaks of its only element until then.
 
-    Arguments as in `include_reaction`.
+    share : position between two samples of the loads; scratch.f : (3, ...) internal forces [N] on it
     """
+    p, observed, f, external = rows.supports[i], rows.observed, scratch.f, scratch.external
+    particles = observed.particles
+    total_forces(p, p + 1, 0, 0.0, 0.0, share, observed.traits, particles.x, particles, scratch)
     if rows.anchored[0, i] >= 0:
-        update_direction(i, rows)
+        update_anchor(i, rows, external)
+    for k in range(3):
+        f[k, 0] += external[k, 0]
     for peak in range(3):
-        if peak == 0 or write_new_peak(i, peak, rows, scratch.f):
-            include_reaction(i, time, share, rows, scratch)
+        if peak == 0 or write_new_peak(i, peak, rows, f):
+            include_reaction(i, time, rows, f)
 
 
 @part_of_kernel
-def update_direction(i: int, rows: Rows) -> None:
-    """Update the unit vector along the only element at support i.
+def update_anchor(i: int, rows: Rows, load: FloatArray) -> None:
+    """Update the unit vector along the only element at support i, and the load (3, ...) [N] of the support.
 
-    A broken element keeps that of the last update before, since its far end may have moved far.
+    A broken element keeps those of the last update before: its far end may have moved far, and its support
+    may have lost the wind.
     """
-    e, far, p, direction = rows.anchored[0, i], rows.anchored[1, i], rows.supports[i], rows.reaction[10:, i]
+    e, far, p, anchor = rows.anchored[0, i], rows.anchored[1, i], rows.supports[i], rows.reaction[10:, i]
     x, elements = rows.observed.particles.x, rows.observed.elements
     if elements.broken[e] == 0:
         dx, dy, dz = x[0, far] - x[0, p], x[1, far] - x[1, p], x[2, far] - x[2, p]
         L = max(math.sqrt(dx * dx + dy * dy + dz * dz), LENGTH2_OFFSET)
-        direction[0], direction[1], direction[2] = dx / L, dy / L, dz / L
+        anchor[0], anchor[1], anchor[2] = dx / L, dy / L, dz / L
+        anchor[3], anchor[4], anchor[5] = load[0, 0], load[1, 0], load[2, 0]
 
 
 @part_of_kernel
 def write_new_peak(i: int, peak: int, rows: Rows, f: FloatArray) -> bool:
-    """Write the force [N] of the only element at support i to f (3, ...) if its extreme is new; return that.
+    """Write the force [N] on support i to f (3, ...) if the extreme of its only element is new; return that.
 
     peak : 1 for the highest axial force since the start, 2 for the lowest
     """
@@ -234,25 +241,23 @@ def write_new_peak(i: int, peak: int, rows: Rows, f: FloatArray) -> bool:
     if is_new:
         rows.reaction[7 + peak, i] = N
         for k in range(3):
-            f[k, 0] = N * rows.reaction[10 + k, i]
+            f[k, 0] = N * rows.reaction[10 + k, i] + rows.reaction[13 + k, i]
     return is_new
 
 
 @copied_kernel
-def include_reaction(i: int, time: float, share: float, rows: Rows, scratch: Scratch) -> None:
+def include_reaction(i: int, time: float, rows: Rows, f: FloatArray) -> None:
     """Include the reaction of support i at a time [s], as of `statics.reactions.compute_balance`.
 
-    share : position between two samples of the loads; scratch.f : (3, ...) internal forces [N] on it
+    f : (3, ...) internal and external forces [N] on it
     """
-    p, observed, reaction = rows.supports[i], rows.observed, rows.reaction
-    particles, x, f, external = observed.particles, observed.particles.x, scratch.f, scratch.external
-    total_forces(p, p + 1, 0, 0.0, 0.0, share, observed.traits, x, particles, scratch)
+    p, particles, reaction = rows.supports[i], rows.observed.particles, rows.reaction
     turned, along, square = is_present(particles.turned), 0.0, 0.0
     if turned:
         nx, ny = particles.turned[0, p], particles.turned[1, p]
-        along = nx * (f[0, 0] + external[0, 0]) + ny * (f[1, 0] + external[1, 0])
+        along = nx * f[0, 0] + ny * f[1, 0]
     for k in range(3):
-        force = f[k, 0] + external[k, 0]
+        force = f[k, 0]
         if particles.free[k, p]:
             force = along * particles.turned[k, p] if turned and k < 2 else 0.0
             if is_present(particles.spring):
