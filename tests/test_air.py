@@ -121,19 +121,40 @@ def test_added_mass_lengthens_the_period_of_a_known_mode(workshop):
     assert np.abs(z - expected).max() < 1e-4 * 1e-3  # its own change of stiffness, and the step
 
 
-def test_a_removed_cable_leaves_no_air_damping_along_held_axes(workshop):
-    """The node at its end is held in plan and pulled along x. Without vertical forces it does not move."""
-    nodes = """id, x, y, z, fixed_x, fixed_y, fixed_z, mass, area, normal_x, normal_y, normal_z
-0,  0, 0, 0, 1, 1, 1, 0,   0,  0, 0, 1
-1,  5, 0, 0, 0, 0, 0, 1,   40, 1, 0, 1
-2, 10, 0, 0, 1, 1, 0, 100, 0,  0, 0, 1
-3, 20, 0, 0, 1, 1, 1, 0,   0,  0, 0, 1
+@pytest.mark.parametrize("load, area", [(0.0, 0.0), (500.0, 8.0)])
+def test_a_removed_cable_leaves_half_of_its_air_damping_along_free_axes(workshop, load, area):
+    """The node at its end is held in plan, and pulled along x. F / (kappa rho U A / 2) is its speed."""
+    nodes = f"""id, x, y, z, fixed_x, fixed_y, fixed_z, load_z, mass, area, normal_x, normal_y, normal_z
+0,  0, 0, 0, 1, 1, 1, 0,      0,   0,      0, 0, 1
+1,  5, 0, 0, 0, 0, 0, 0,      1,   40,     1, 0, 1
+2, 10, 0, 0, 1, 1, 0, {load}, 100, {area}, 1, 0, 1
+3, 20, 0, 0, 1, 1, 1, 0,      0,   0,      0, 0, 1
 """
-    elements = "start, end, cable, unstressed_length\n0,1,c,4.98\n1,2,c,4.98\n2,3,d,9.9\n"
+    elements = "start, end, cable, unstressed_length\n0,1,c,4.98\n1,2,c,4.98\n2,3,d,15\n"
     text = BARE + STEADY
     text += 'pressure_coefficient = 0.0\naerodynamic_damping = 1.0\nafter_fracture = "none"\n'
     text += '[load]\nself_weight = false\n[[remove]]\ncables = ["c"]\ntime = 0.1\n'
-    text += "[dynamics]\nduration = 0.3\n[output]\nprobes = [2]\n"
+    text += "[dynamics]\nduration = 4.0\n[output]\nhistory_interval = 0.01\nprobes = [2]\n"
     f = workshop.solve(text, nodes, elements)
     assert f["removal/element"][:].tolist() == [0, 1]
-    assert np.abs(f["history/probe_displacement"][:]).max() < 1e-12
+    u = f["history/probe_displacement"][:, 0]
+    assert np.abs(u[:, :2]).max() < 1e-12
+    assert (u[-1] - u[-2])[2] / 0.01 == pytest.approx(load / (RHO * 20.0 * 28.0 / 2), rel=1e-3, abs=1e-10)
+
+
+@pytest.mark.parametrize("zeta", [0.0, 0.8])
+def test_air_damping_acts_across_the_held_axis_of_a_moving_support(workshop, zeta):
+    """A plate at 45 degrees moves along x: z'' = -(b + zeta) z' - b x', b = kappa rho U A / 2M."""
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,mass,area,normal_x,normal_y,normal_z\n1,0,0,0,1,1,1,0,0,0,0,1\n"
+    nodes += "2,0,0,-9,1,1,0,100,8,1,0,1\n"
+    text = BARE + STEADY + "pressure_coefficient = 0.0\naerodynamic_damping = 1.0\n"
+    text += '[load]\nself_weight = false\n[[motion]]\ndisplacement = "move.csv"\n'
+    text += f"[dynamics]\nduration = 1.0\nmass_damping = {zeta}\ntime_step = 1e-3\n[output]\nprobes = [2]\n"
+    job = workshop.job(text, nodes, "start,end,unstressed_length\n1,2,10.0\n")
+    (job.parent / "move.csv").write_text("time,x\n0,0\n2,4\n")
+    f = workshop.run(job)
+    t, b = f["history/time"][:], RHO * 20.0 * 8.0 / (2 * (100.0 + HALF_CABLE))
+    decayed = (1.0 - np.exp(-(b + zeta) * t)) / (b + zeta)
+    z = f["history/probe_displacement"][:, 0, 2]
+    assert np.abs(z + 2.0 * b / (b + zeta) * (t - decayed)).max() < 1e-6 * 2.0
+    assert audits(f)[0] < 1e-11

@@ -14,7 +14,7 @@ from netfall.core.kernels import call, copied_kernel, inner_kernel, kernel, part
 from netfall.core.records import Record, f8, f8_2, i8, i8_2, is_present, real, u1, whole
 from netfall.core.vectors import LANES, fma, load, load_mask, store_below, where, zeros
 from netfall.explicit.forces import Scratch
-from netfall.explicit.motion import damped_mass, force_along_guides, free_force, total_forces
+from netfall.explicit.motion import damped_mass, force_along_guides, free_air, free_force, total_forces
 from netfall.parallel.sums import add_exactly, add_term
 from netfall.physics.air import RelativeWind
 from netfall.physics.bending import Joints, add_bending_forces, joint_energy
@@ -168,7 +168,7 @@ def span_energies(
             if is_present(observation.f_branches):
                 band_work = fma(v_sum, load(observation.f_branches, k, p), band_work)
             if is_present(particles.air):
-                air_work = fma(load(particles.air, k, p), v_sum, air_work)
+                air_work = fma(free_air(k, p, particles), v_sum, air_work)
             kinetic = fma(0.5 * mass, now * now, kinetic)
             store_below(row, end, velocity, k, now)
         if not is_present(particles.work):

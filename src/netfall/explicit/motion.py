@@ -109,29 +109,39 @@ def total_forces(
             store(scratch.total, k, i, total)
         half = 0.5 * dt_v * load(particles.per_mass, 0, p)
         if is_present(particles.air):
-            add_air_damping(p, i, half, share, particles, scratch)
+            add_air_damping(p, i, half, zeta, share, particles, scratch)
         if is_present(particles.air_mass):
             add_air_mass(p, i, half, zeta, particles, scratch)
 
 
 @part_of_kernel
+def free_air(k: int, p: int, particles: Particles) -> Lanes:
+    """Return c of `physics.air` along axis k of LANES particles from p on; zero along held axes."""
+    return where(load_mask(particles.free, k, p), load(particles.air, k, p), zeros())
+
+
+@part_of_kernel
 def add_air_damping(
-    p: int, i: int, half: Lanes, share: float, particles: Particles, scratch: Scratch
+    p: int, i: int, half: Lanes, zeta: float, share: float, particles: Particles, scratch: Scratch
 ) -> None:
     """Add the aerodynamic damping to the total forces of LANES particles from p on.
 
     With u = v(n-1/2) + dt f / 2M, h = zeta dt / 2 of the mass without air and a = |U| c^2 dt / 2M the mean
-    velocity is u / (1 + h) across c and u / (1 + h + a) along it. half : dt / 2M
+    velocity is u / (1 + h) across c and u / (1 + h + a) along it, c along free axes. A mean velocity g of
+    supports along held axes adds (1 + h) c.g to c.u. half : dt / 2M
     """
     total, along_f, along_v = scratch.total, zeros(), zeros()
     for k in range(3):
-        c = load(particles.air, k, p)
-        along_f, along_v = fma(c, load(total, k, i), along_f), fma(c, load(particles.v, k, p), along_v)
+        c, v = free_air(k, p, particles), load(particles.v, k, p)
+        along_f, along_v = fma(c, load(total, k, i), along_f), fma(c, v, along_v)
+        if is_present(particles.ground):
+            held = 0.5 * fma(half * zeta, damped_mass(p, particles), 1.0) * (load(particles.air, k, p) - c)
+            along_v = fma(held, v + load(particles.ground, k, p), along_v)
     before, after = load(particles.air_pull, 0, p), load(particles.air_pull, 1, p)
     pull = abs(fma(share, after - before, before)) * fma(half, along_f, along_v)
     store(scratch.pull, 0, i, pull)
     for k in range(3):
-        store(total, k, i, fma(-pull, load(particles.air, k, p), load(total, k, i)))
+        store(total, k, i, fma(-pull, free_air(k, p, particles), load(total, k, i)))
 
 
 @part_of_kernel
@@ -248,7 +258,7 @@ def update_velocities(
             if band:
                 band_work = fma(v_sum, load(scratch.band, k, i), band_work)
             if air:
-                air_work = fma(load(particles.air, k, p), v_sum, air_work)
+                air_work = fma(free_air(k, p, particles), v_sum, air_work)
             if ground and energy:
                 free = load_mask(particles.free, k, p)
                 path, v_ground = 0.5 * dt_v * v_sum, load(particles.ground, k, p)

@@ -308,17 +308,17 @@ def aerodynamic_damping_area(job: Job, roof: RoofAreas) -> np.ndarray:
     return roof.at_nodes((kappa * job.wind.air_density)[:, None] * roof.parts.vector)
 
 
-def aerodynamic_damping(job: Job, net: Net, x: np.ndarray, roof: RoofAreas) -> np.ndarray | None:
+def aerodynamic_damping(job: Job, x: np.ndarray, roof: RoofAreas) -> np.ndarray | None:
     """Compute c (n, 3) of `physics.air` at x (n, 3) [m]; None: no aerodynamic damping.
 
-    It is zero along held axes. If the wind is given as pressures, c is that of the mean speed.
+    If the wind is given as pressures, c is that of the mean speed.
     """
     if not derived.has_aerodynamic_damping(job):
         return None
     vector, wind = aerodynamic_damping_area(job, roof), job.wind
     if wind.pressures:
         vector *= profile_speed(wind, wind.speed, x[:, 2])[:, None]
-    return np.where(net.fixed, 0.0, damping_vectors(vector))
+    return damping_vectors(vector)
 
 
 def added_air_mass(job: Job, roof: RoofAreas) -> np.ndarray | None:

@@ -227,7 +227,7 @@ def make_model(
         mass=mass if air_mass is None else mass + air_mass,
         added=added,
         air_mass=air_mass,
-        air=loads.aerodynamic_damping(job, net, x, roof),
+        air=loads.aerodynamic_damping(job, x, roof),
         drag=loads.make_drag(job, x, roof),
         loading=loading,
         form_load=form_load,

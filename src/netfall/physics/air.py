@@ -51,8 +51,11 @@ def set_air_damping_at(p: Integer, dt_v: float, zeta: float, particles: Particle
     damping = particles.air_pull
     half_dt_per_mass = 0.5 * dt_v * particles.per_mass[p]
     damped = 1.0 + half_dt_per_mass * zeta * damped_mass(p, particles)
-    cx, cy, cz = particles.air[0, p], particles.air[1, p], particles.air[2, p]
-    square, speed_before, speed_after = half_dt_per_mass * (cx * cx + cy * cy + cz * cz), 1.0, 1.0
+    square, speed_before, speed_after = 0.0, 1.0, 1.0
+    for k in range(3):
+        if particles.free[k, p]:
+            square += particles.air[k, p] * particles.air[k, p]
+    square = half_dt_per_mass * square
     if not is_present(particles.tapped):  # with pressures, c includes the speed
         speed_before, speed_after = particles.speed_before[p], particles.speed_after[p]
     damping[0, p] = speed_before / (damped + square * abs(speed_before))
@@ -155,8 +158,7 @@ def subtract_air(state: Any, p: int, vector: np.ndarray, mass: np.ndarray | floa
     vector : (3,) [kg/m], kappa rho A; mass : [kg], at most all of the remaining added mass is taken
     """
     if state.air is not None:
-        remaining = damping_areas(state.air[p]) - vector
-        state.air[p] = damping_vectors(np.where(state.free[p] != 0, remaining, 0.0))
+        state.air[p] = damping_vectors(damping_areas(state.air[p]) - vector)
     if state.air_mass is not None:
         mass = min(mass, state.air_mass[p])
         if state.work is not None:

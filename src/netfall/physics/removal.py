@@ -88,7 +88,7 @@ def transfer_carried(
                 getattr(state, name)[p] += share[k] * carried[name][source[k]]
             if "air" in carried:
                 areas = damping_areas(state.air[p]) + share[k] * damping_areas(carried["air"][source[k]])
-                state.air[p] = np.where(state.free[p] != 0, damping_vectors(areas), 0.0)
+                state.air[p] = damping_vectors(areas)
         if state.mass[p] > 0.0:
             velocity = momentum / state.mass[p]
             state.v[p] = np.where(state.free[p], velocity, state.v[p])  # fixed axes keep their velocity
