@@ -717,7 +717,7 @@ def pictures_of(path: Path, rows: slice) -> tuple[list[np.ndarray], list[int], f
 
 def test_animation_has_a_picture_for_each_frame(storm, tmp_path):
     """17 frames at 15 a second on average, each unlike the one before. Elements that break become red."""
-    ((path, text),) = animate(Path(storm.filename), tmp_path, "gif", 15)
+    path, text = animate(Path(storm.filename), tmp_path, "gif", 15)
     assert path.name == "storm_collapse.gif" and text.startswith("17 frames at 15 a second: 1.13 s for 0.8 s")
     pictures, red, seconds = pictures_of(path, slice(60, 340))  # without title and bars
     assert len(pictures) == 17 and seconds == pytest.approx(17 / 15, abs=0.01)  # a GIF counts hundredths
@@ -734,7 +734,7 @@ def test_a_film_shows_a_removed_element_and_its_end(workshop):
     with workshop.solve(text, nodes, elements) as f:
         times, path = f["VTKHDF/Steps/Values"][:], Path(f.filename)
     assert times[3] == pytest.approx(0.3003)
-    ((film, words),) = animate(path, workshop.folder, "gif", 10, FilmView(until=0.3))
+    film, words = animate(path, workshop.folder, "gif", 10, FilmView(until=0.3))
     assert words.startswith("4 frames at 10 a second: 0.4 s for 0.3003 s")
     _, red, _ = pictures_of(film, slice(150, 440))
     assert red[3] > red[0] + 20
@@ -744,14 +744,14 @@ def test_a_film_shows_a_removed_element_and_its_end(workshop):
 def test_a_film_has_no_more_frames_than_the_limit(storm, tmp_path, monkeypatch, most, shown):
     """The last of the 17 frames is shown in addition to every fourth or sixth."""
     monkeypatch.setattr("netfall.post.plots.film.MAX_FRAMES", most)
-    ((_, text),) = animate(Path(storm.filename), tmp_path, "gif", 15)
+    _, text = animate(Path(storm.filename), tmp_path, "gif", 15)
     assert text.startswith(f"{shown} frames")
 
 
 def test_animation_with_another_view_size_and_end(storm, tmp_path):
     """The file is MP4, read by ffmpeg. An end before the second frame is an error."""
     shot = FilmView(VIEWS["plan"], (640, 480), 1.3, 0.41)
-    ((path, description),) = animate(Path(storm.filename), tmp_path, "mp4", 10, shot)
+    path, description = animate(Path(storm.filename), tmp_path, "mp4", 10, shot)
     assert description.startswith("9 frames at 10 a second: 0.9 s for 0.4 s")  # of every 0.05 s
     with contextlib.closing(imageio_ffmpeg.read_frames(str(path))) as reader:
         assert next(reader)["size"] == (640, 480)

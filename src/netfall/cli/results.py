@@ -42,9 +42,9 @@ def info(result: Path, json: bool) -> None:
     RESULT,
     to_folder("folder for the pictures (default: that of the result file)"),
     option("--case", "NAME", "draw a single equilibrium: a case, a stage, initial_state, statics, form"),
-    flag("--animate", help="animate the dynamic stage and the erection instead of drawing pictures"),
+    flag("--animate", help="animate the dynamic stage instead of drawing pictures"),
     option("--format", None, "format of the animation (default: mp4)", choices=("mp4", "gif")),
-    option("--fps", "N", "frames per second of the animation (default: 15; for stages 1)", take.count),
+    option("--fps", "N", "frames per second of the animation (default: 15)", take.count),
     option(
         "--view",
         "VIEW",
@@ -53,7 +53,7 @@ def info(result: Path, json: bool) -> None:
     ),
     option("--size", "WxH", "size of the animation in pixels (default: 720x600)", take.size),
     option("--zoom", "Z", "enlarge the animation by this factor (default: 1, all fits)", take.factor),
-    option("--until", "T", "end time of the animation of the dynamic stage [s]", take.time),
+    option("--until", "T", "end time of the animation [s]", take.time),
 )
 def plot(result: Path, folder: Path | None, case: str | None, animate: bool, **film: Any) -> None:
     """Draw pictures, or an animation, of a result or study file.
@@ -77,13 +77,13 @@ def plot(result: Path, folder: Path | None, case: str | None, animate: bool, **f
     if animate:
         from netfall.post.plots.canvas import VIEWS
         from netfall.post.plots.film import FilmView
-        from netfall.post.plots.film import animate as write_films
+        from netfall.post.plots.film import animate as write_film
 
         form, fps = given.pop("format", None), given.pop("fps", None)
         if given.get("view") in VIEWS:
             given["view"] = VIEWS[given["view"]]
-        films = write_films(result, folder, form, fps, FilmView(**given))
-        print_lines(*(f"{path}: {words}" for path, words in films))
+        path, words = write_film(result, folder, form, fps, FilmView(**given))
+        print_lines(f"{path}: {words}")
         return
     from netfall.post.plots.run import plot_all, plot_state
     from netfall.post.plots.study.study import plot_study

@@ -228,34 +228,3 @@ class Frames:
     def lines(self, step: Any) -> Any:
         """Return the end points (m, 2, 3) [m] of the elements at a step."""
         return self.positions(step)[self.ends(step)]
-
-
-class StageFrames:
-    """Stages of erection with the interface of frames; `times` are the numbers of the stages, from 1."""
-
-    def __init__(self, f: Any):
-        stages = [name for name in states.equilibrium_groups(f) if name.startswith("stages/")]
-        self.states = [state for name in stages for state in states.group_equilibria(f, name)]
-        self.times = np.arange(1.0, len(self.states) + 1.0)
-        self.absent = [states.absent(f, state.place) for state in self.states]
-        self.elements, self.cells = f["net/elements"][:], len(f["net/elements"])
-
-    def tension(self, step: Any) -> Any:
-        """Return the tensions (m,) [N] in a stage."""
-        return self.states[step].tension()
-
-    def present(self, step: Any) -> Any:
-        """Return which elements (m,) are part of the net in a stage."""
-        return ~self.absent[step]
-
-    def broken(self, step: Any) -> Any:
-        """Return which elements (m,) are broken in a stage: none, because nothing breaks during erection."""
-        return np.zeros(self.cells, bool)
-
-    def positions(self, step: Any) -> Any:
-        """Return the positions (n, 3) [m] in a stage."""
-        return self.states[step].position()
-
-    def lines(self, step: Any) -> Any:
-        """Return the end points (m, 2, 3) [m] of the elements in a stage."""
-        return self.positions(step)[self.elements]

@@ -1,4 +1,4 @@
-"""Films of the dynamic stage and of the stages of erection, by matplotlib.animation and ffmpeg.
+"""Films of the dynamic stage, by matplotlib.animation and ffmpeg.
 
 The axes are fixed around the initial roof, with space for nearly all elements that leave it. The colour scale
 is fixed too. Broken and removed elements are red; those out of the net are dashed, at their initial places.
@@ -22,12 +22,12 @@ from mpl_toolkits.mplot3d import Axes3D
 from netfall.core.errors import InputError
 from netfall.post import messages
 from netfall.post.plots import canvas, collapse, force
-from netfall.post.plots.states import force_words
-from netfall.results.file import Frames, StageFrames, moves, open_checked, result_title
+from netfall.results.file import Frames, moves, open_checked, result_title
 from netfall.results.locks import whole
 from netfall.results.removals import removal_times
 
 DPI = 100  # pixels per inch
+FRAME_RATE = 15  # frames per second by default
 MAX_FRAMES = 600  # frames in a film; of more, every k-th is shown
 LATE = 0.1  # share of the interval by which a frame may follow the end; frames are at whole time steps
 MOST_LINES = 20_000  # elements in a frame; of more, every k-th is drawn
@@ -51,116 +51,62 @@ class FilmView:
     until: float = np.inf
 
 
-@dataclass(frozen=True)
-class Reel:
-    """Content of a film.
-
-    fps : frames per second by default; bar : label of the bar below the net; span : text on the range of the
-    film
-    steps : (k,) of the frames; strokes : times marked on the bar; place : group of the state at a step
-    words : describes a step, given the number of elements out of view
-    """
-
-    name: str
-    fps: int
-    bar: str
-    span: str
-    frames: Frames | StageFrames
-    steps: np.ndarray
-    begin: float
-    strokes: np.ndarray
-    place: Callable[[int], str]
-    words: Callable[[int, int], str]
-
-
-def _motion(f: h5py.File, until: float) -> Reel:
-    """Return the film of the dynamic stage. Raises InputError if it ends before the second frame."""
-    frames, removals = Frames(f), removal_times(f)
-    times, removals = frames.times, removals[np.isfinite(removals)]
-    total = len(np.unique(frames.element_id[frames.there]))
-    count = int(np.searchsorted(times, until + LATE * (times[1] - times[0])))
-    if count < 2:
-        raise InputError(messages.UNTIL_TOO_EARLY(until=until, time=times[1]))
-    stride = -(-(count - 1) // (MAX_FRAMES - 1))  # the last frame is shown in addition
-    steps = np.append(np.arange(0, count - 1, stride), count - 1)
-    failed = "broken or removed" if len(removals) else "broken"
-
-    def words(step: int, outside: int) -> str:
-        counts = f"{frames.broken_count(step)} of {total} {failed}"
-        return f"t = {times[step]:.3f} s: {counts}{f', {outside} out of view' if outside else ''}"
-
-    strokes = np.append(f["events/time"][:], removals)
-    span = f"{times[steps[-1]] - times[0]:.4g} s of the roof"
-    bar = "time [s]; red: fractures and removals"
-    return Reel("collapse", 15, bar, span, frames, steps, times[0], strokes, lambda _: "", words)
-
-
-def _erection(f: h5py.File) -> Reel:
-    """Return the film of the stages of erection, with several frames per stage."""
-    frames = StageFrames(f)
-    states, count = frames.states, len(frames.times)
-
-    def place(step: int) -> str:
-        return states[step].place
-
-    def words(step: int, _: int) -> str:
-        return force_words(f, states[step])
-
-    span, steps, no_strokes = f"{count} stages of erection", np.arange(count), np.zeros(0)
-    return Reel("erection", 1, "stage of erection", span, frames, steps, 0.0, no_strokes, place, words)
-
-
 def animate(
     result: Path, folder: Path, form: str | None, fps: int | None = None, shot: FilmView | None = None
-) -> list[tuple[Path, str]]:
-    """Write RESULT_erection and RESULT_collapse; return their paths and lines that describe them.
+) -> tuple[Path, str]:
+    """Write RESULT_collapse, and return its path and a line that describes it.
 
-    form : mp4 or gif, None: mp4; fps : frames per second, None: default of the film
+    form : mp4 or gif, None: mp4; fps : frames per second, None: FRAME_RATE
 
-    Raises InputError for a wrong file, or a file without snapshots.
+    Raises InputError for a wrong file, a file without snapshots, or an end before the second frame.
     """
-    form, shot, written = form or "mp4", shot or FilmView(), []
-    if form == "gif" and (fps or 0) > MAX_GIF_FRAME_RATE:
+    form, shot, rate = form or "mp4", shot or FilmView(), fps or FRAME_RATE
+    if form == "gif" and rate > MAX_GIF_FRAME_RATE:
         raise InputError(messages.GIF_TOO_FAST(fps=fps, most=MAX_GIF_FRAME_RATE))
     with open_checked(result) as f, plt.rc_context({"animation.ffmpeg_path": get_ffmpeg_exe()}):
-        reels = [_erection(f)] if "stages" in f else []
-        if moves(f):
-            reels.append(_motion(f, shot.until))
-        if not reels:
+        if not moves(f):
             raise InputError(messages.NOTHING_TO_ANIMATE(path=result))
-        for reel in reels:
-            path, rate, count = folder / f"{result.stem}_{reel.name}.{form}", fps or reel.fps, len(reel.steps)
-            writer = FFMpegWriter(rate, codec="h264", extra_args=QUALITY if form == "mp4" else None)
-            figure, draw_frame = _open_film(f, reel, shot)
-            with whole(path) as temporary, writer.saving(figure, str(temporary), DPI):
-                for step in reel.steps:
-                    draw_frame(step)
-                    writer.grab_frame()
-            plt.close(figure)
-            stride = int(reel.steps[1] - reel.steps[0]) if count > 1 else 1
-            thinning = f" (every {stride}-th of the file)" if stride > 1 else ""
-            line = f"{count} frames{thinning} at {rate} a second: {count / rate:.3g} s for {reel.span}"
-            written.append((path, f"{line}, {path.stat().st_size / 1e6:.2g} MB"))
-    return written
+        frames, path = Frames(f), folder / f"{result.stem}_collapse.{form}"
+        times = frames.times
+        count = int(np.searchsorted(times, shot.until + LATE * (times[1] - times[0])))
+        if count < 2:
+            raise InputError(messages.UNTIL_TOO_EARLY(until=shot.until, time=times[1]))
+        stride = -(-(count - 1) // (MAX_FRAMES - 1))  # the last frame is shown in addition
+        steps = np.append(np.arange(0, count - 1, stride), count - 1)
+        writer = FFMpegWriter(rate, codec="h264", extra_args=QUALITY if form == "mp4" else None)
+        figure, draw_frame = _open_film(f, frames, steps, shot)
+        with whole(path) as temporary, writer.saving(figure, str(temporary), DPI):
+            for step in steps:
+                draw_frame(step)
+                writer.grab_frame()
+        plt.close(figure)
+    thinning = f" (every {stride}-th of the file)" if stride > 1 else ""
+    span = f"{times[steps[-1]] - times[0]:.4g} s of the roof"
+    line = f"{len(steps)} frames{thinning} at {rate} a second: {len(steps) / rate:.3g} s for {span}"
+    return path, f"{line}, {path.stat().st_size / 1e6:.2g} MB"
 
 
-def _open_film(f: h5py.File, reel: Reel, shot: FilmView) -> tuple[Figure, Callable[[int], None]]:
+def _open_film(
+    f: h5py.File, frames: Frames, steps: np.ndarray, shot: FilmView
+) -> tuple[Figure, Callable[[int], None]]:
     """Open the figure of a film with scales, legend and time bar; return it and a function to draw a step."""
-    frames, every = reel.frames, max(1, reel.frames.cells // MOST_LINES)
+    every, removals, times = max(1, frames.cells // MOST_LINES), removal_times(f), frames.times
+    removals = removals[np.isfinite(removals)]
+    total, failed = len(np.unique(frames.element_id[frames.there])), "broken"
+    failed += " or removed" * bool(len(removals))
     initial_lines = frames.positions(0)[f["net/elements"][:]]
-    samples = np.unique(np.linspace(0, len(reel.steps) - 1, FILM_VIEW_SAMPLES).astype(int))
-    window = collapse.view(frames.lines(0), [frames.lines(step) for step in reel.steps[samples]])
-    N = [np.where(frames.broken(step), 0.0, frames.tension(step))[::every] for step in reel.steps]
+    samples = np.unique(np.linspace(0, len(steps) - 1, FILM_VIEW_SAMPLES).astype(int))
+    window = collapse.view(frames.lines(0), [frames.lines(step) for step in steps[samples]])
+    N = [np.where(frames.broken(step), 0.0, frames.tension(step))[::every] for step in steps]
     N, moving = np.concatenate(N), force.moving_elements(f)[::every]
-    ends = force.OF_MOTION if isinstance(frames, Frames) else force.OF_EQUILIBRIA
-    scale = force.ForceScale.of(N, np.tile(moving, len(reel.steps)), ends)
+    scale = force.ForceScale.of(N, np.tile(moving, len(steps)), force.OF_MOTION)
     figure = plt.figure(figsize=(shot.size[0] / DPI, shot.size[1] / DPI), dpi=DPI, layout="constrained")
     grid = figure.add_gridspec(2, 1, height_ratios=(30, 1))
     axes, bar = _add_axes(figure, grid[0], window, shot), figure.add_subplot(grid[1])
     force.add_force_scales(axes, scale, N)
-    bar.set(xlim=(reel.begin, frames.times[reel.steps[-1]]), yticks=[], xlabel=reel.bar)
-    bar.vlines(np.unique(reel.strokes), 0, 1, canvas.BROKEN, lw=0.7)
-    done = Rectangle((reel.begin, 0.0), 0.0, 1.0, color="0.75", lw=0)
+    bar.set(xlim=times[steps[[0, -1]]], yticks=[], xlabel="time [s]; red: fractures and removals")
+    bar.vlines(np.unique(np.append(f["events/time"][:], removals)), 0, 1, canvas.BROKEN, lw=0.7)
+    done = Rectangle((times[0], 0.0), 0.0, 1.0, color="0.75", lw=0)
     bar.add_patch(done)
 
     def draw_frame(step: int) -> None:
@@ -172,19 +118,21 @@ def _open_film(f: h5py.File, reel: Reel, shot: FilmView) -> tuple[Figure, Callab
         N = force.shown_forces(f, frames.tension(step))[rows]
         inside, width = collapse.within(window, lines), canvas.line_width(len(lines))
         intact = inside & ~broken
-        force.add_supports(f, axes, frames.positions(step)[: len(f["net/fixed"])], reel.place(step))
+        force.add_supports(f, axes, frames.positions(step)[: len(f["net/fixed"])])
         force.add_by_force(axes, lines[intact], N[intact], scale, width)
         canvas.add_lines(axes, lines[inside & broken], colors=canvas.BROKEN, linewidths=1.4 * width)
         removed = broken & (lines[:, 0] == lines[:, 1]).all(axis=1)
         canvas.add_lines(
             axes, initial_lines[rows][removed], colors=canvas.BROKEN, linewidths=1.4 * width, linestyles="--"
         )
-        words = reel.words(step, int((~inside).sum()) * every)
+        outside = int((~inside).sum()) * every
+        words = f"t = {times[step]:.3f} s: {frames.broken_count(step)} of {total} {failed}"
+        words += f", {outside} out of view" if outside else ""
         canvas.set_figure_title(figure, result_title(f), f"\n{words}")
-        done.set_width(frames.times[step] - reel.begin)
+        done.set_width(times[step] - times[0])
 
-    draw_frame(reel.steps[0])
-    kinds = [(force.SLACK, "slack"), (canvas.BROKEN, collapse.BROKEN)][: 1 + isinstance(frames, Frames)]
+    draw_frame(steps[0])
+    kinds = (force.SLACK, "slack"), (canvas.BROKEN, collapse.BROKEN)
     lines = [Line2D([], [], color=colour, lw=2, label=name) for colour, name in kinds]
     axes.legend(handles=[*axes.get_legend_handles_labels()[0], *lines], loc="upper left")
     figure.draw_without_rendering()
