@@ -43,7 +43,7 @@ from netfall.post.plots.canvas import (
 from netfall.post.plots.collapse import collapse, select_snapshots
 from netfall.post.plots.curves import displacements, load_displacement
 from netfall.post.plots.film import FilmView, animate
-from netfall.post.plots.force import OF_MOTION, ForceScale, add_force_scales, support_edge
+from netfall.post.plots.force import OF_MOTION, ForceScale, add_force_scales
 from netfall.post.plots.run import file_suffix, plot_all, plot_state
 from netfall.post.plots.states import _governing, deflection_scale, stages, states
 from netfall.post.report.info import info_of_result, print_info
@@ -341,19 +341,13 @@ def test_selected_snapshots_show_events():
 
 
 def test_colour_scales_cover_nearly_all_forces():
-    """Tension and compression have one each. A fragment's peak is outside; supports make an edge."""
+    """Tension and compression have one each. A fragment's peak is outside."""
     N = np.concatenate([np.linspace(1.0, 100.0, 1000), [1e6, 0.0, -5.0, -5.0]])
     assert ForceScale.of(N).tension == (0.0, 1e6)  # in equilibrium it is an overload
     scale = ForceScale.of(N, percentiles=OF_MOTION)
     assert scale.tension[0] == 0.0 and 98.0 < scale.tension[1] < 101.0  # 99 of 100
     assert scale.compression == pytest.approx((0.99 * 5.0, 1.01 * 5.0))
     assert ForceScale.of(np.array([98.0, 104.0])).tension[0] > 97.0  # a narrow range is not lost on 0 to 104
-    x = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 3], [0, 1, 0], [0.5, 0.4, 1]], float)
-    assert support_edge(x, np.array([3, 0, 2, 1])).tolist() == [0, 1, 2, 3, 0]
-    assert support_edge(x, np.array([0, 1, 2, 4])).tolist() == []  # node 3 is outside
-    around = 2.0 * np.pi * np.arange(12) / 12
-    feet = np.array([[r * np.cos(a), r * np.sin(a), 0.0] for a, r in zip(around, [8.0, 14.0] * 6)])
-    assert support_edge(feet, np.arange(12)).tolist() == []  # masts and anchors alternate
 
 
 def test_colour_scales_ignore_elements_that_cannot_move():

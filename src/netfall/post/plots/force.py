@@ -1,4 +1,4 @@
-"""Elements coloured by axial force, with scales for tension and compression; supports and their edge.
+"""Elements coloured by axial force, with scales for tension and compression; supports.
 
 Slack elements are pale. Scales of equilibria end at the extremes. Scales of motion end at percentiles,
 because after fractures the largest force is that of a fragment.
@@ -12,7 +12,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap, Normalize
-from matplotlib.path import Path
 from matplotlib.ticker import MaxNLocator
 
 from netfall.post.checks.nodes import held_axes, spring_axes
@@ -21,8 +20,6 @@ from netfall.results.states import slack_elements
 
 OF_MOTION, OF_EQUILIBRIA = (1.0, 99.0), (0.0, 100.0)  # percentiles of the forces, at which the scale ends
 MIN_FORCE_RATIO = 0.5  # smallest / largest force, above which a scale begins at the smallest, not at 0
-LONGEST_GAP = 4.0  # largest / median distance of neighbouring supports on an edge
-MOST_TURNS = 1.6  # full turns, left and right, along an edge: an L has 1.5; mast feet and anchors zigzag
 NEGLIGIBLE_COMPRESSION = 1e-6  # share of the largest force; smaller compressions count as zero
 SLACK = "#c9c9c9"
 TENSION, COMPRESSION = (
@@ -118,34 +115,7 @@ def add_force_scales(axes: Axes | Sequence[Axes], scale: ForceScale, N: np.ndarr
 
 
 def add_supports(f: h5py.File, axes: Axes, x: np.ndarray, place: str = "") -> None:
-    """Mark the supports at x (n, 3) [m], and the edge that they form, if any; place : group of the state."""
+    """Mark the supports at x (n, 3) [m]; place : group of the state."""
     held = held_axes(f, place)
-    rows = np.flatnonzero(held.any(1))
-    has_roof = f["net/tributary_area"][:].any()
-    # temporary supports form no edge
-    edge = support_edge(x, rows) if has_roof and not place.startswith("stages/") else ()
-    if len(edge):
-        style = {"color": canvas.SUPPORT_COLOUR, "label": "edge through the supports"} | canvas.SPACE_STYLE
-        axes.plot(*x[edge].T, lw=0.8, ls=(0, (3, 2)), **style)
     spring = spring_axes(f)
     canvas.mark_supports(axes, x, held & ~spring, spring, f["net/angle"][:] if "net/angle" in f else None)
-
-
-def support_edge(x: np.ndarray, supports: np.ndarray) -> np.ndarray:
-    """Return the supports in order around the net, closed, if they enclose it in plan; otherwise none.
-
-    x : (n, 3) [m]; supports : rows (k,)
-    """
-    none = np.zeros(0, int)
-    if len(supports) < 4:
-        return none
-    plan = x[supports, :2] - x[supports, :2].mean(0)
-    order = supports[np.argsort(np.arctan2(plan[:, 1], plan[:, 0]), kind="stable")]
-    closed = np.append(order, order[0])
-    sides = np.diff(x[closed, :2], axis=0)
-    gaps, radius = np.linalg.norm(sides, axis=1), 1e-3 * np.ptp(x[:, :2])
-    inside = [Path(x[closed, :2]).contains_points(x[:, :2], radius=sign * radius) for sign in (1, -1)]
-    heading = np.arctan2(sides[:, 1], sides[:, 0])
-    turn = np.remainder(np.roll(heading, -1) - heading + np.pi, 2.0 * np.pi) - np.pi
-    encloses = np.logical_or(*inside).all() and gaps.max() <= LONGEST_GAP * max(np.median(gaps), 1e-9)
-    return closed if encloses and np.abs(turn).sum() <= MOST_TURNS * 2.0 * np.pi else none
