@@ -25,7 +25,6 @@ from netfall.post.report.sections import (
     concrete,
     groups,
     limits,
-    most_used,
 )
 from netfall.results import file, removals, states, warning_text
 from netfall.results.datasets import UNDECIDED
@@ -94,7 +93,7 @@ def summary(
         "Checks": checks(f, envelope, checked, tables["checks.csv"]),
         "Elements at a limit": at_limits(f),
         "Limits in service": (all_cases or service is not None) and limits(service, all_cases),
-        "Utilisation": _utilisation(f, cables, envelope, checked),
+        "Utilisation": _utilisation(cables, checked),
         "Bending": bends and bending(f, envelope, tables),
         "Reinforced concrete": concrete(f, envelope, tables),
         "Clamps and saddles": "slides.csv" in tables and _slides(tables["slides.csv"]),
@@ -172,9 +171,7 @@ def _run_lines(f: h5py.File, result: Path, verdict: list[str]) -> list[str]:
     return lines
 
 
-def _utilisation(
-    f: h5py.File, cables: dict[str, np.ndarray], envelope: Envelope, checked: list[ElementCheck]
-) -> list[str]:
+def _utilisation(cables: dict[str, np.ndarray], checked: list[ElementCheck]) -> list[str]:
     """Return the section on utilisation by all checks."""
     lines = [
         "Forces result from the loads of the job, without further factors. Utilisation is the largest",
@@ -202,7 +199,6 @@ def _utilisation(
     if no_strength.any():
         text = "cables without utilisation, because they have neither breaking_load nor yield_stress"
         lines.append(md.item(f"{text}: {int(no_strength.sum())}"))
-    lines += most_used(f, envelope, checked)
     return lines + md.picture("utilisation of the elements", "utilisation.png")
 
 

@@ -12,7 +12,6 @@ from netfall.post.checks.cases import (
     ServiceLimit,
     count_slack_cables,
     largest_displacements,
-    members,
 )
 from netfall.post.checks.codes import BENDING_KIND
 from netfall.post.report import markdown as md
@@ -37,7 +36,7 @@ GROUP_COLUMNS = {  # heading in tables: dataset of /net and its unit
     "second moment [cm4]": ("second_moment", 1e-8),
 }
 ACTION_KEYS = ("self_weight", "load_table", *CASE_LOAD_KEYS, *CASE_WIND_KEYS)  # of [load] and [wind]
-SHOWN_ROWS = 10  # number of rows of the most used elements, and of named stages
+MOST_STAGES = 10  # number of named stages
 
 
 def cases(f: h5py.File, all_cases: list[Case], table: dict[str, np.ndarray]) -> list[str]:
@@ -136,9 +135,9 @@ def checks(
     for one in checked:
         check, counting = one.check, cables.counted(kinds, one.check.kind)
         names = [name for name, counts in zip(envelope.names, counting) if counts]
-        others = [f"and {len(names) - SHOWN_ROWS} more"] if len(names) > SHOWN_ROWS else []
+        others = [f"and {len(names) - MOST_STAGES} more"] if len(names) > MOST_STAGES else []
         what = "sum" if check.with_moment else check.of
-        text = f"The largest {what} of each element in: {'; '.join(names[:SHOWN_ROWS] + others)}."
+        text = f"The largest {what} of each element in: {'; '.join(names[:MOST_STAGES] + others)}."
         text = f"Of kind {check.kind}. {text}" if check.kind else text
         lines += [md.heading(3, check.title), "", text, ""]
         unfactored = [UNFACTORED] * (check.kind not in kinds and one.reason != "not checked")
@@ -177,22 +176,6 @@ def at_limits(f: h5py.File) -> list[str]:
         if name in attrs
     ]
     return md.as_table(["state", "limit", "elements"], rows) if rows else []
-
-
-def most_used(f: h5py.File, envelope: states.Envelope, checked: list[cables.ElementCheck]) -> list[str]:
-    """Return the table of the elements most used by the first check, symmetric ones in one row."""
-    first, ids, cable = checked[0], f["net/element_id"][:], f["net/cable"][:]
-    names, groups = f["net/cable_names"].asstr()[:], cables.element_groups(f)
-    ranked = [(e, alike) for e, alike in members(f, first) if np.isfinite(first.utilisation[e])][:SHOWN_ROWS]
-    shown = [one for one in checked if any(np.isfinite(one.utilisation[e]) for e, _ in ranked)]
-    lines = [
-        [names[cable[e]], groups[e], ids[e], alike, md.force(first.force[e]), envelope.names[first.of[e]]]
-        + [md.force(first.resistance[e]), *(md.share(one.utilisation[e]) for one in shown)]
-        for e, alike in ranked
-    ]
-    header = ["cable", "group", "element", "alike", "largest tension", "in", "resistance"]
-    table = md.as_table(header + [one.name for one in shown], lines)
-    return ["", f"The {len(lines)} highest utilisations by {first.name}:", "", *table] if lines else []
 
 
 def limits(results: list[ServiceLimit] | None, all_cases: list[Case]) -> list[str]:
