@@ -3,7 +3,6 @@
 A picture for which the result file has no data is None. `run.PICTURES` names the group that each needs.
 """
 
-from itertools import pairwise
 from typing import Any
 
 import h5py
@@ -11,14 +10,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import dijkstra
 
+from netfall.core.functions import lengths
 from netfall.post.checks.nodes import FRICTION_SAFETY, slip_point_columns
 from netfall.post.plots import canvas
 from netfall.results.file import Frames, element_name, result_title
 from netfall.results.removals import fracture_times, removal_times
-from netfall.results.states import group_equilibria, start_tension, state_title
+from netfall.results.states import group_equilibria, start_position, start_tension, state_title
 
 MIN_CHANGE = 1e-6  # share of the largest displacement or tension; less is the tolerance of equilibria
 NEGLIGIBLE_ENERGY = 1e-12  # share of the sum of force x length; smaller energies are rounding
@@ -246,6 +244,7 @@ def slips(f: h5py.File) -> Figure:
     slip, use = (
         np.abs(np.nan_to_num(table[name].reshape(len(stages), -1))) for name in ("slip", "utilisation")
     )
+    row = {number: k for k, number in enumerate(f["net/node_id"][:].tolist())}
     ranked = sorted(set(cable), key=lambda name: (-slip[:, cable == name].max(), name))
     cables = ranked[:MOST_CABLES]
     states = sorted(np.lexsort((-use.max(1), -slip.max(1)))[:MOST_STATES])
@@ -253,7 +252,8 @@ def slips(f: h5py.File) -> Figure:
     figure, panels = canvas.open_charts(2, len(cables), width, 6.4, sharex="col", sharey="row")
     for (upper, lower), name in zip(panels.T, cables):
         points = np.flatnonzero(cable == name)
-        distance = _distances_along_cable(f, points)
+        gaps = lengths(np.diff(start_position(f)[[row[node] for node in f["slide/node"][:][points]]], axis=0))
+        distance = np.append(0.0, np.cumsum(gaps))
         for k in states:
             rows = k * len(cable) + points
             label = "dynamics, the largest" if stages[k] == "dynamics" else stages[k]
@@ -261,27 +261,13 @@ def slips(f: h5py.File) -> Figure:
             lower.plot(distance, table["utilisation"][rows], ".-", lw=1.2)
         upper.set_title(f"cable {name}")
         lower.axhline(SLIP_UTILISATION, color="0.5", lw=0.8, ls="--")
-        lower.set_xlabel(f"along it from node {f['slide/node'][points[0]]} [m]")
+        lower.set_xlabel(f"from point to point, from node {f['slide/node'][points[0]]} [m]")
     panels[0, 0].set_ylabel("slip along the cable [mm]")
     panels[1, 0].set_ylabel(f"utilisation, friction / {FRICTION_SAFETY:g} [-]")
     canvas.add_legend_below(figure, panels[0, 0], ncols=3)
     selection = f", {len(cables)} of {len(ranked)} cables" if len(ranked) > len(cables) else ""
     canvas.set_figure_title(figure, result_title(f), f": slip over nodes{selection}")
     return figure
-
-
-def _distances_along_cable(f: h5py.File, points: np.ndarray) -> np.ndarray:
-    """Compute the distances (k,) [m] of slip points from the first, along elements of the cable's group."""
-    ends, group, L0 = f["net/elements"][:], f["net/group"][:], f["net/unstressed_length"][:]
-    row = {number: k for k, number in enumerate(f["net/node_id"][:].tolist())}
-    before, after, node = (f[f"slide/{name}"][:][points] for name in ("before", "after", "node"))
-    distances = []
-    for k, (a, b) in enumerate(pairwise(row[number] for number in node.tolist())):
-        in_group = group == group[after[k]]
-        in_group[before[k]] = False  # the other way around, in a ring
-        net = csr_matrix((L0[in_group], ends[in_group].T), (len(row), len(row)))
-        distances.append(dijkstra(net, directed=False, indices=a)[b])
-    return np.append(0.0, np.cumsum(distances))
 
 
 def wind(f: h5py.File) -> Figure:
