@@ -332,12 +332,12 @@ def test_selected_snapshots_show_events():
     """Around the first fracture and later ones, after removals, and at the largest motion."""
     times, none = np.linspace(0.0, 10.0, 101), np.zeros(0)
     fractures = np.array([4.05, 4.15, 4.35, 4.55, 9.0])
-    shown = times[select_snapshots(times, fractures, none, [])]
+    shown = times[select_snapshots(times, fractures, none, 4.2)]
     assert shown == pytest.approx([0.0, 4.0, 4.1, 4.2, 4.4, 4.6])
-    assert times[select_snapshots(times, fractures[:1], np.array([2.0, 6.0]), [6.55])] == pytest.approx(
+    assert times[select_snapshots(times, fractures[:1], np.array([2.0, 6.0]), 6.55)] == pytest.approx(
         [0.0, 1.9, 2.1, 4.1, 6.1, 6.6]  # removed at 2 s
     )
-    assert times[select_snapshots(times, none, none, [3.04, 7.04])] == pytest.approx([0, 2, 3.1, 4, 7.1, 10])
+    assert times[select_snapshots(times, none, none, 3.04)] == pytest.approx([0, 2, 3.1, 4, 6, 10])
 
 
 def test_colour_scales_cover_nearly_all_forces():

@@ -31,7 +31,8 @@ def collapse(f: h5py.File) -> Figure:
     """Draw stages of the motion: taut, compressed, slack and broken elements by colour; and supports."""
     frames, removal_time = Frames(f), removal_times(f)
     removals = np.unique(removal_time[np.isfinite(removal_time)])
-    steps = select_snapshots(frames.times, f["events/time"][:], removals, _calm_moments(f))
+    farthest = float(f["envelope/displacement_max_time"][np.argmax(f["envelope/displacement_max"][:])])
+    steps = select_snapshots(frames.times, f["events/time"][:], removals, farthest)
     window = view(frames.lines(0), [frames.lines(step) for step in steps])
     figure, panels = canvas.open_space_panels(window, len(steps))
     start, elements = frames.positions(0)[: len(f["net/fixed"])], f["net/elements"][:]
@@ -86,34 +87,21 @@ def _draw_stage(
     axes.set_title(f"t = {frames.times[step]:.4g} s: {failed} broken or removed, {slack} slack{out_of_view}")
 
 
-def _calm_moments(f: h5py.File) -> list[float]:
-    """Return times [s] other than those of fractures and removals, the most notable first.
-
-    They are the times of the largest displacement, of most slack cables, and of peaks of kinetic energy.
-    """
-    h, farthest = f["history"], int(np.argmax(f["envelope/displacement_max"][:]))
-    moments = [float(f["envelope/displacement_max_time"][farthest])]
-    t, kinetic, slack = h["time"][:], h["kinetic_energy"][:], h["slack"][:]
-    peaks = np.flatnonzero((kinetic[1:-1] > kinetic[:-2]) & (kinetic[1:-1] >= kinetic[2:])) + 1
-    moments += [float(t[np.argmax(slack)])] * bool(slack.any())
-    return moments + t[peaks[np.argsort(-kinetic[peaks], kind="stable")]].tolist()
-
-
 def select_snapshots(
-    times: np.ndarray, fractures: np.ndarray, removals: np.ndarray, moments: list[float]
+    times: np.ndarray, fractures: np.ndarray, removals: np.ndarray, farthest: float
 ) -> list[int]:
     """Select the snapshots to show, at most STAGES, in this order of priority.
 
     First come the initial state, the snapshots around the first event, further fractures, and removals. The
-    other moments follow in order, then the end, and evenly spaced snapshots.
-    times : of the snapshots [s]; fractures, removals : their times [s]
+    largest displacement follows, then the end, and evenly spaced snapshots.
+    times : of the snapshots [s]; fractures, removals : their times [s]; farthest : of the displacement [s]
     """
     last, first = len(times) - 1, min([*fractures, *removals], default=None)
     steps = [0] if first is None else [0, max(int(np.searchsorted(times, first)) - 1, 0)]
     shown = [] if first is None else [first]
     if len(fractures):
         shown += np.quantile(fractures, FRACTURE_SHARES, method="higher").tolist()
-    after = np.searchsorted(times, [*shown, *removals, *moments], side="right")
+    after = np.searchsorted(times, [*shown, *removals, farthest], side="right")
     steps += np.minimum(after, last).tolist()
     steps += [last, *np.linspace(0, last, STAGES).astype(int).tolist()]
     return sorted(list(dict.fromkeys(steps))[:STAGES])
