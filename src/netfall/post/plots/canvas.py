@@ -161,11 +161,6 @@ def add_scale(
     return figure.colorbar(colours, ax=axes, label=label, **style | more)
 
 
-def round_ticks(norm: Normalize) -> np.ndarray:
-    """Return the round numbers within the range of a scale."""
-    return ROUND_NUMBERS[(ROUND_NUMBERS >= norm.vmin) & (ROUND_NUMBERS <= norm.vmax)]
-
-
 def line_width(elements: int, largest: float = 1.4) -> float:
     """Return the width of lines [pt] that separates this number of elements."""
     return float(np.clip(60.0 / np.sqrt(max(elements, 1)), 0.4, largest))

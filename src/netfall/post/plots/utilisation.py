@@ -3,7 +3,7 @@
 import h5py
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.colors import LogNorm, Normalize
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from netfall.core.functions import along_axes
@@ -15,10 +15,10 @@ from netfall.results.file import result_title, roof_axes
 from netfall.results.removals import removal_times
 from netfall.results.states import Envelope, start_position
 from netfall.results.warning_text import exceeds_strength
+from netfall.study.answers.removals import MAX_DYNAMIC_FACTOR
 
 OVERUSED_COLOUR = "#e000c0"  # elements with a utilisation above 1, and removed ones
 COLOURS = "viridis_r"
-LOGARITHMIC_FROM = 10.0  # factor above which the scale is logarithmic
 
 
 def utilisation(f: h5py.File, envelope: Envelope, checked: list[ElementCheck]) -> Figure:
@@ -59,9 +59,8 @@ def utilisation(f: h5py.File, envelope: Envelope, checked: list[ElementCheck]) -
 def dynamic_factors(f: h5py.File, factor: np.ndarray) -> Figure:
     """Draw the largest dynamic factors (m,) after removals, nan: none; dashed: removed."""
     finite = factor[np.isfinite(factor)]
-    high = float(max(2.0, np.percentile(finite, 99))) if len(finite) else 2.0
-    low = float(min(1.0, finite.min(initial=1.0)))
-    scale = LogNorm(low, high) if high > LOGARITHMIC_FROM and low > 0.0 else Normalize(low, high)
+    high = float(np.clip(np.percentile(finite, 99), 2.0, MAX_DYNAMIC_FACTOR)) if len(finite) else 2.0
+    scale = Normalize(float(min(1.0, finite.min(initial=1.0))), high)
     label = "dynamic factor, (peak - before) / (afterwards - before); grey: none; magenta: removed"
     return _draw(f, factor, scale, "dynamic factors after removals, the largest of each element", label)
 
@@ -97,9 +96,7 @@ def _draw(
     largest = float(np.nanmax(values)) if np.isfinite(values).any() else np.nan
     label += f"; largest {largest:.4g}" if np.isfinite(largest) else "; no values"
     extend = "max" if scale.vmax is not None and largest > scale.vmax else "neither"
-    bar = canvas.add_scale([space, plan], scale, palette, label, extend=extend, format="{x:g}")
-    if isinstance(scale, LogNorm):
-        bar.set_ticks(canvas.round_ticks(scale).tolist())
+    canvas.add_scale([space, plan], scale, palette, label, extend=extend, format="{x:g}")
     canvas.set_figure_title(
         figure, result_title(f), f": {title}, in space and {'in plan' if seen is None else 'from outside'}"
     )

@@ -2,7 +2,7 @@
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm, Normalize
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
@@ -15,7 +15,6 @@ DOT_LENGTH = 0.015  # length / size of the picture; shorter elements get a dot
 COLOURS = "viridis_r"
 MOST_NAMED = 5  # elements labelled with their ids
 MAX_STRUT_SLOPE = 0.1  # horizontal / vertical length, below which an element is a strut between layers
-LEAST_ON_LOG = 0.1  # factor; a logarithmic scale shows smaller and negative factors at this one
 
 
 def breaks(study: Study) -> Figure:
@@ -48,11 +47,9 @@ def loss_map(study: Study) -> Figure:
     red = f"red: no equilibrium afterwards, {fails.sum()}; " * bool(fails.any())
     subtitle = f": after the removal of each ({red}the largest on top; dots: supports)"
     figure, (left, right) = _open_maps(study, subtitle)
-    is_log = _has_dominant(factor)
-    if is_log:
-        factor = np.maximum(factor, LEAST_ON_LOG)
     low = float(min(1.0, np.nanmin(factor, initial=1.0)))
-    _draw_map(study, left, factor, "largest dynamic factor (grey: none)", low=low, names=names, log=is_log)
+    label = "largest dynamic factor (grey: none)"
+    _draw_map(study, left, factor, label, low=low, most=MAX_DYNAMIC_FACTOR, names=names)
     label = "detached fraction of the roof (grey: none)" if lost else "further broken elements (grey: none)"
     _draw_map(study, right, consequence, label, percent=lost, names=names)
     for axes in (*left, *right) if fails.any() else ():
@@ -85,18 +82,19 @@ def _draw_map(
     values: np.ndarray,
     label: str,
     low: float = 0.0,
+    most: float = np.inf,
     percent: bool = False,
     names: np.ndarray | None = None,
-    log: bool = False,
 ) -> None:
     """Colour the elements of a map by values (m,), nan: grey, with the largest on top and labelled.
 
-    panels : axes of the map; names : labels (m,), None: ids
+    panels : axes of the map; most : largest end of the scale; names : labels (m,), None: ids
     """
     x, elements = study.net["particles"], study.net["elements"]
     lines, flat = x[elements], along_axes(x, study.net.get("roof_axes"))[elements][..., :2]
-    high = np.nanmax(values) if np.isfinite(values).any() else 1.0
-    norm = (LogNorm if log else Normalize)(low, high if high > low else low + 1.0)
+    largest = np.nanmax(values) if np.isfinite(values).any() else 1.0
+    high, extend = min(largest, most), "max" if largest > most else "neither"
+    norm = Normalize(low, high if high > low else low + 1.0)
     names = (study.net["element_id"] if names is None else names).astype(str)
     for axes in panels:
         projected, width = lines if axes.name == "3d" else flat, canvas.line_width(len(lines), 3.0)
@@ -106,18 +104,9 @@ def _draw_map(
     short = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) < DOT_LENGTH * extent
     dots = {"s": 14, "c": values[rows][short], "norm": norm, "cmap": COLOURS, "zorder": 3.5, "lw": 0}
     plan.scatter(*ends[short].mean(1).T, **dots)
-    bar = canvas.add_scale(plan, norm, COLOURS, label, shrink=0.8)
-    if log:
-        ticks = canvas.round_ticks(norm).tolist()
-        bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
-        bar.minorticks_off()
+    bar = canvas.add_scale(plan, norm, COLOURS, label, shrink=0.8, extend=extend)
     if percent:
         bar.ax.xaxis.set_major_formatter(PercentFormatter(1.0, decimals=None))
     _, first = np.unique(names[rows[::-1]], return_index=True)  # the largest value of each name
     labelled = rows[::-1][np.sort(first)][:MOST_NAMED]
     canvas.add_labels(plan, flat[labelled].mean(1), names[labelled].tolist())
-
-
-def _has_dominant(factor: np.ndarray) -> bool:
-    """Whether some factors are so large that they would hide the others."""
-    return bool((factor[np.isfinite(factor)] > MAX_DYNAMIC_FACTOR).any())
