@@ -188,15 +188,13 @@ def values_of(path, groups):
 @pytest.mark.parametrize("name", AGAIN)
 def test_a_run_of_exported_tables_has_the_same_net_and_bits(tmp_path, name):
     """Columns, areas, strengths and equilibria are equal. A second export has equal files."""
-    lines = written_and_again(AGAIN[name], tmp_path, "a")
-    lines_again = written(tmp_path / "again.vtkhdf", tmp_path / "b")
+    written_and_again(AGAIN[name], tmp_path, "a")
+    written(tmp_path / "again.vtkhdf", tmp_path / "b")
     files = sorted(path.name for path in (tmp_path / "a").iterdir() if path.name != "README.txt")
     assert {"nodes.csv", "elements.csv", "job.toml"} < set(files)
     for file in files:
         if file != "history.csv":  # names elements by their ids, of which parts have got their own
             assert (tmp_path / "b" / file).read_bytes() == (tmp_path / "a" / file).read_bytes(), file
-    digests = [line.split(",")[0] for line in lines + lines_again if line.startswith("digest of the net:")]
-    assert len(digests) == 2 and digests[0] == digests[1]
     groups = ("net", "statics", "cases", "initial_state", "removal", "final", "envelope")
     first, again = both(tmp_path, *groups)
     assert first.keys() == again.keys()

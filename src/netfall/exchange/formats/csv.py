@@ -1,6 +1,5 @@
 """Export of a result as a folder of tables: the complete form-found net, and a job that runs it again."""
 
-import hashlib
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,6 @@ CONTENTS = None
 FOLDER, STATIC_ONLY, UNITS = True, False, False
 README_NAME = "README.txt"
 FILES = ("nodes.csv", "elements.csv", "faces.csv", "job.toml", "history.csv", "events.csv", README_NAME)
-DIGITS = 16  # hexadecimal digits of the digest
 
 
 def write(result: Result, state: ExportState, folder: Path, unit: str) -> list[str]:
@@ -58,19 +56,9 @@ def _write_tables(result: Result, state: ExportState, folder: Path) -> list[str]
     lines += state.removed_element_lines("rows")
     if state.is_form:
         lines += write_rerun_job(result, state, folder, "faces" in tables, FILES)
-        lines.append(f"digest of the net: {digest(folder)}, of the three tables; the same net has the same")
     else:
         lines.append(messages.WITHOUT_LOADS(state=state.name))
     return lines
-
-
-def digest(folder: Path) -> str:
-    """Compute a digest of the tables of the net; a net that is read and written again has the same digest."""
-    total = hashlib.sha256()
-    for name in FILES[:3]:
-        if (folder / name).exists():
-            total.update(name.encode() + b"\n" + (folder / name).read_bytes())
-    return total.hexdigest()[:DIGITS]
 
 
 def _check_folder(folder: Path) -> bool:
