@@ -136,6 +136,10 @@ TABLES = {  # a net that has a value in every column, some of them in some rows 
         "prestress": [1e5, 1e5, 9e4, 9e4, 5e4, -2e3, 4e4],
     },
 }
+IN_ZONES = {
+    "zone": ["left", "", "left/front", "left", "left/front", "front"],
+    "zone_share": ["", "", "0.5/0.25", 0.5, "0.25/0.25", 0.3],
+}
 SECTIONS = STEEL | {"thermal_expansion": 1.5e-5, "strength_cov": 0.1}
 GROUPS = {
     "strut": {"kind": "bar", "thermal_expansion": 1e-5},
@@ -153,13 +157,13 @@ AGAIN = {
     "logarithmic": IN_FULL | {"cable": SECTIONS | {"strain_measure": "logarithmic"}},
     "warm, as given": IN_FULL | {"load": LOADS | {"temperature": 30.0}},
     "corners and zones": FORMED | {"zone": POLYGONS, "load": LOADS | {"zone": {"corner": {"snow": 900.0}}}},
-    "cut zones": IN_FULL  # of a node that two of them share a zone that has it whole otherwise takes the rest
+    "shares of zones": IN_FULL  # of a node that two of them share a zone that has it whole takes the rest
     | {
-        "net": TABLES | {"node_columns": TABLES["node_columns"] | {"zone": ""}},
+        "net": TABLES | {"node_columns": TABLES["node_columns"] | IN_ZONES},
         "zone": [
             {"name": "all", "polygon": [[-20, -20], [20, -20], [20, 20], [-20, 20]], "cut": False},
-            {"name": "left", "polygon": [[-20, -20], [1, -20], [1, 20], [-20, 20]], "cut": True},
-            {"name": "front", "polygon": [[-4, -20], [2, -20], [2, -3], [-4, -3]], "cut": True},
+            {"name": "left"},
+            {"name": "front"},
         ],
         "load": LOADS | {"zone": {"all": {"snow": 700.0}, "left": {"snow": 900.0}, "front": {"dead": 50.0}}},
     },
@@ -346,8 +350,7 @@ def test_exported_bars_bend_only_where_they_did_in_the_run(tmp_path):
 
 
 def test_shares_of_zones_are_columns(tmp_path):
-    """Half of the areas of nine nodes and all of others. The exported job cuts no zone."""
-    zone = {"name": "left", "polygon": [[-9, -9], [0, -9], [0, 9], [-9, 9]], "cut": True}
+    """Half of the areas of nine nodes and all of others."""
     side = np.arange(9) - 4.0
     x, y = (grid.ravel() for grid in np.meshgrid(side, side, indexing="ij"))
     row = np.arange(81).reshape(9, 9)
@@ -356,17 +359,19 @@ def test_shares_of_zones_are_columns(tmp_path):
         "nodes": np.column_stack([x, y, 0 * x]),
         "elements": np.vstack([np.column_stack([a.ravel(), b.ravel()]) for a, b in pairs]),
         "fixed": (np.abs(x) == 4) | (np.abs(y) == 4),
-        "node_columns": {"area": np.ones(81)},
+        "node_columns": {
+            "area": np.ones(81),
+            "zone": ["left"] * 45 + [""] * 36,
+            "zone_share": [""] * 36 + [0.5] * 9 + [""] * 36,
+        },
     }
     case = {"name": "drift", "set": {"load.zone.left.snow": 50.0}}
-    job = {"net": net, "cable": STEEL, "zone": [zone], "case": [case]}
+    job = {"net": net, "cable": STEEL, "case": [case]}
     job["load"] = {"snow": 100.0, "zone": {"left": {"snow": 300.0}}}
     written_and_again(job, tmp_path)
     cells = {row["id"]: (row["zone"], row["zone_share"]) for row in rows(tmp_path / "r" / "nodes.csv")}
     assert cells["0"] == ("left", "") and cells["80"] == ("", "")
     assert {cells[str(node)] for node in range(36, 45)} == {("left", "0.5")}
-    text = (tmp_path / "r" / "job.toml").read_text()
-    assert "polygon" not in text and "cut" not in text
     with netfall.open(tmp_path / "again.vtkhdf") as again:
         snow = again.file["load/snow"][:]
         assert snow[:36] == pytest.approx(300.0) and snow[36:45] == pytest.approx(200.0)

@@ -13,6 +13,7 @@ from netfall.geometry.zones import make_zones, nodes_named
 from netfall.job.read import read_job
 from netfall.loads.wind.sectors import read_sectors
 from netfall.model.layout import make_layout
+from netfall.model.model import make_model
 
 SIDE = 6  # nodes along a side of the flat grid: 5 x 5 cells of 1 m
 STILL = "[dynamics]\nduration = 0.01\n"
@@ -658,21 +659,43 @@ def test_values_of_cut_zones_are_means_by_area(workshop):
         assert np.isnan(pressure[x <= 2]).all() and (pressure[x > 2] == 3.0).all()
 
 
+def test_loads_of_cut_zones_act_on_the_areas_of_the_form(workshop):
+    """The zone has the faces on one side of x = 2: 10 m2, which the form makes twice as wide."""
+    text = "[load]\nself_weight = false\n[load.zone.edge]\ndead = 98.1\nadded_mass = 10.0\n" + STILL
+    job = grid_job(workshop, text + cut("edge", 0, 0, 2, 5))
+    layout = make_layout(job, 1)
+    x = layout.net.x.copy()
+    x[:, 0] = np.minimum(x[:, 0], 2.0 * x[:, 0] - 2.0)
+    model = make_model(job, layout, x, None)
+    assert [model.loading.carried.sum(), model.air_mass.sum()] == pytest.approx([200.0, 200.0], rel=1e-12)
+
+
+@pytest.mark.parametrize("parts", [1, 2, 3])
+@pytest.mark.parametrize("given", [0, 1, 2, 15])
 @pytest.mark.parametrize("roof", ["", "[roof]\nnormal = [0, 0, 1]\n"])
-def test_zones_that_meet_at_a_fold_keep_the_directions_of_their_faces(workshop, roof):
-    """A roof of 8 x 4 m with a slope of 0.5: a vertical area of 2 x 4 m on each side, at +1 and -1 kN/m2."""
+def test_zones_that_meet_at_a_fold_keep_the_directions_of_their_faces(workshop, roof, given, parts):
+    """A roof of 8 x 4 m with a slope of 0.5: a vertical area of 2 x 4 m on each side, at +1 and -1 kN/m2.
+
+    Also if nodes.csv gives areas of nodes, and a normal. A node without a face then has 3 m2.
+    """
     places = [(x, y) for x in range(0, 9, 2) for y in range(0, 5, 2)]
+    area = {p: 5.0**0.5 * (1 + (0 < p[0] < 8)) * (1 + (0 < p[1] < 4)) / 2 for p in places[:given]}
+    normal = dict.fromkeys(places[1:given:15], f"{-(0.2**0.5)},0,{0.8**0.5}")
     rows = [f"{10 * x + y},{x},{y},{0.5 * (4 - abs(x - 4))},{int(x in (0, 8))}" for x, y in places]
+    rows = [f"{row},{area.get(p, '')},{normal.get(p, ',,')}" for row, p in zip(rows, places)]
+    rows.append(f"99,-2,0,0,1,{3 if given else ''},0,0,1")
+    head = "id,x,y,z,fixed,area,normal_x,normal_y,normal_z"
     lines = [f"{10 * x + y},{10 * x + y + 20},x" for x, y in places if x < 8]
-    lines += [f"{10 * x + y},{10 * x + y + 2},y" for x, y in places if y < 4]
-    tables = "\n".join(["id,x,y,z,fixed", *rows]), "\n".join(["start,end,group", *lines])
-    zones = rectangle("left", 0, 0, 4, 4) + rectangle("right", 4, 0, 8, 4)
+    lines += ["99,0,x", *(f"{10 * x + y},{10 * x + y + 2},y" for x, y in places if y < 4)]
+    tables = "\n".join([head, *rows]), "\n".join(["start,end,group", *lines])
+    zones = rectangle("left", -2, 0, 4, 4) + rectangle("right", 4, 0, 8, 4)
     pressures = "[load.zone.left]\npressure = 1000.0\n[load.zone.right]\npressure = -1000.0\n"
     wind = "[wind.zone.left]\npressure_coefficient = 1.0\n[wind.zone.right]\npressure_coefficient = -1.0\n"
     text = STEEL + STILL + "[load]\nself_weight = false\nsteps = 1\n" + pressures + WIND + wind + zones + roof
-    model = model_of(read_job(workshop.job(text, *tables)))
-    assert model.loading.live.sum(0) == pytest.approx([16e3, 0.0, 0.0], abs=1e-9)
-    assert model.wind.sum(0) / (0.5 * 1.25) == pytest.approx([16.0, 0.0, 0.0], abs=1e-12)
+    model = model_of(read_job(workshop.job(text, *tables), [f"net.subdivide={parts}"]))
+    expected = np.array([16.0, 0.0, -3.0 * (given > 0)])
+    assert model.loading.live.sum(0) == pytest.approx(1e3 * expected, abs=1e-9)
+    assert model.wind.sum(0) / (0.5 * 1.25) == pytest.approx(expected, abs=1e-12)
 
 
 def test_a_cut_without_faces_has_no_effect(workshop):

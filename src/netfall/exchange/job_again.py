@@ -9,7 +9,7 @@ import numpy as np
 
 from netfall.core.progress import one_line
 from netfall.exchange import messages
-from netfall.exchange.state import MARK, NET_RECORD, ExportState
+from netfall.exchange.state import MARK, ExportState
 from netfall.job.keys.schema import LIST_KEYS, SECTIONS
 from netfall.job.toml_text import toml_text
 from netfall.results.file import provenance_text, read_job_tables
@@ -82,8 +82,7 @@ def _obstacle(result: Result, state: ExportState, job: dict[str, Any]) -> str:
         "faces of a roof with [roof] normal have zones of their own": bool(used)
         and "normal" in job.get("roof", {}),
         "polygons of zones cut faces": "zone_share" in net
-        and any("polygon" in zone and zone.get("cut", True) for zone in job.get("zone", []))
-        and not any(np.isfinite(result.file[f"{NET_RECORD}/{name}"][:]).any() for name in ("area", "normal")),
+        and any("polygon" in zone and zone.get("cut", True) for zone in job.get("zone", [])),
         "a zone has no nodes": any(entry["name"] not in used for entry in job.get("zone", [])),
     }
     return next((reason for reason, holds in reasons.items() if holds), "")

@@ -201,6 +201,49 @@ def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> TributaryAreas:
     return TributaryAreas(surface, plan, vector, centre, shares)
 
 
+def roof_parts(net: Net, areas: TributaryAreas) -> tuple[np.ndarray, ...]:
+    """Return node (r,), surface and plan area (r,) [m2], and vector area (r, 3) [m2] of the parts of a roof.
+
+    The parts are the corners of the faces. If nodes.csv gives areas, halves of the corners belong to the
+    nearer ends of `subdivide`, and the last parts are the given areas of nodes without a face.
+    """
+    shares, given = areas.shares.on_nodes(net.n), np.isfinite(net.area)
+    halves, last = shares.node[None], np.flatnonzero(given)
+    if len(last):
+        ends = nearer_ends(net)[:, shares.node]
+        halves = np.where(given[ends], ends, shares.node)
+    node = np.append(halves, last)
+
+    def of_parts(values: np.ndarray) -> np.ndarray:
+        padding = np.zeros((len(last), *values.shape[1:]))
+        return np.concatenate([*[values / len(halves)] * len(halves), padding])
+
+    surface, plan, vector = map(
+        of_parts, (shares.surface_areas(), shares.plan_areas(), shares.vector_areas())
+    )
+    total = np.bincount(node, surface, net.n)
+    scale = np.divide(areas.surface, total, out=np.ones(net.n), where=total > 0.0)[node]
+    surface, plan, vector = scale * surface, scale * plan, scale[:, None] * vector
+    bare, end = total[last] == 0.0, slice(halves.size, None)
+    surface[end], plan[end] = np.where(bare, areas.surface[last], 0.0), np.where(bare, areas.plan[last], 0.0)
+    normal = net.normal[node]
+    of_normal = np.isfinite(normal[:, 0])
+    plan = np.where(of_normal, surface * np.maximum(0.0, normal[:, 2]), plan)
+    return node, surface, plan, np.where(of_normal[:, None], surface[:, None] * normal, vector)
+
+
+def nearer_ends(net: Net) -> np.ndarray:
+    """Return the nearer end (h, k) of the table's element around each particle; other points are their own.
+
+    With an even number of parts (h = 2), the halves of a middle particle have different ends.
+    """
+    ends = np.tile(np.arange(net.n + len(net.corners)), (2 - net.parts % 2, 1))
+    start, end = net.undivided().T[:, :, None]
+    for half, of_half in enumerate(ends):
+        of_half[net.inner_particles()] = np.where(2 * np.arange(1, net.parts) > net.parts - half, end, start)
+    return ends
+
+
 def has_half_area(net: Net) -> np.ndarray:
     """Return which nodes (n,) are in the middle of a subdivided element and next to a given area of one end.
 

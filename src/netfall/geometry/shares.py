@@ -168,8 +168,7 @@ class FaceShares(NamedTuple):
 
     def at_nodes(self, values: np.ndarray, n: int) -> np.ndarray:
         """Sum values (c, ...) of the corners at the nodes (n, ...), without other points."""
-        columns = [np.bincount(self.node, part, n)[:n] for part in np.atleast_2d(values.T)]
-        return np.stack(columns, -1).reshape(n, *values.shape[1:]).astype(float)
+        return sum_at_nodes(self.node, values, n)
 
     def centres(self, points: np.ndarray, n: int) -> np.ndarray:
         """Return the centres (n, 3) [m] of the areas of the nodes; points : (k, 3) [m], the nodes first.
@@ -187,6 +186,12 @@ class FaceShares(NamedTuple):
         """Return the shares of the corners that are nodes, of n nodes."""
         on_node = self.node < n
         return self._replace(face=self.face[on_node], node=self.node[on_node], share=self.share[on_node])
+
+
+def sum_at_nodes(node: IntArray, values: np.ndarray, n: int) -> np.ndarray:
+    """Sum values (c, ...) of parts at nodes (c,) at the nodes (n, ...), without points from n on."""
+    columns = [np.bincount(node, part, n)[:n] for part in np.atleast_2d(values.T)]
+    return np.stack(columns, -1).reshape(n, *values.shape[1:]).astype(float)
 
 
 def share_out_faces(points: np.ndarray, faces: Faces) -> FaceShares:

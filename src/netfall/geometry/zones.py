@@ -9,10 +9,16 @@ import shapely
 
 from netfall.core.errors import raise_errors
 from netfall.geometry import messages
-from netfall.geometry.areas import RoofFaces, TributaryAreas, has_half_area
+from netfall.geometry.areas import RoofFaces, TributaryAreas, has_half_area, nearer_ends, roof_parts
 from netfall.geometry.faces import Faces, corner_quadrilaterals
 from netfall.geometry.net import Net, elements_of_group, nearest_group
-from netfall.geometry.shares import MAX_FAN_CORNERS, FaceShares, nearest_areas, share_out_faces
+from netfall.geometry.shares import (
+    MAX_FAN_CORNERS,
+    FaceShares,
+    nearest_areas,
+    share_out_faces,
+    sum_at_nodes,
+)
 from netfall.geometry.slender import SlenderElements
 from netfall.job.job import Job
 from netfall.job.keys.entries import Zone, split
@@ -30,7 +36,7 @@ class Zones:
 
     names : in order; a node in several whole zones belongs to the last of them
     share : (n, z + 1) of each node's area in each zone, then outside all zones
-    corners : zones of the face corners at nodes, if polygons cut, or with `[roof] normal`; None: as nodes
+    corners : zones of `roof_parts`, if polygons cut, or with `[roof] normal`; None: as nodes
     nodes : (n,) bool for each zone, nodes that its name selects; of `subdivide` only those that are in it
     """
 
@@ -88,7 +94,7 @@ class RoofAreas:
     """Areas on which loads act: surface and plan (n,) [m2], upward vector area (n, 3) [m2], and zones.
 
     centre : (n, 3) [m], of the area of each node; None: of parts
-    corners : shares and areas of the corners of faces, with zones of their own; None: loads act at the nodes
+    corners : nodes and areas of `roof_parts`, with zones of their own; None: loads act at the nodes
     slender : elements on which wind and ice act, or None
     """
 
@@ -96,7 +102,7 @@ class RoofAreas:
     plan_area: np.ndarray
     vector: np.ndarray
     zones: Zones
-    corners: "tuple[FaceShares, RoofAreas] | None" = None
+    corners: "tuple[np.ndarray, RoofAreas] | None" = None
     slender: SlenderElements | None = None
     centre: np.ndarray | None = None
 
@@ -107,7 +113,7 @@ class RoofAreas:
 
     def at_nodes(self, values: np.ndarray) -> np.ndarray:
         """Sum values of the parts, (r,) or (r, 3), at their nodes."""
-        return self.corners[0].at_nodes(values, len(self.area)) if self.corners else values
+        return sum_at_nodes(self.corners[0], values, len(self.area)) if self.corners else values
 
 
 def roof_areas(
@@ -117,9 +123,8 @@ def roof_areas(
     roof = RoofAreas(areas.surface, areas.plan, areas.vector, zones, slender=slender, centre=areas.centre)
     if zones.corners is None:
         return roof
-    shares = areas.shares.on_nodes(net.n)
-    surface, plan, vector = shares.surface_areas(), shares.plan_areas(), shares.vector_areas()
-    return replace(roof, corners=(shares, RoofAreas(surface, plan, vector, zones.corners)))
+    node, surface, plan, vector = roof_parts(net, areas)
+    return replace(roof, corners=(node, RoofAreas(surface, plan, vector, zones.corners)))
 
 
 def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
@@ -149,9 +154,10 @@ def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
     if len(roofing.faces) and any(zone.polygon is not None for zone in entries):
         cutter = PolygonCutter(net, roofing.faces, roofing.given.shares)
     zones = Zones(names, _shares(net, entries, halves, cutter))
-    tables_give = np.isfinite(net.area).any() or np.isfinite(net.normal).any() or net.zone_share is not None
-    cut = any(cuts_areas(zone) for zone in entries) and len(zones.mixed)
-    if names and len(roofing.faces) and not tables_give and (cut or net.roof_axes is not None):
+    given = bool(np.isfinite(net.area).any())  # areas, which cover parts of `subdivide` too
+    cut = any(cuts_areas(zone) for zone in entries) and (given or len(zones.mixed) > 0)
+    oriented = net.roof_axes is not None and not (given or np.isfinite(net.normal).any())
+    if names and len(roofing.faces) and net.zone_share is None and (cut or oriented):
         zones = _zones_of_corners(net, roofing, zones, halves, _regions(entries), cutter)
     notes = []
     for name, each, share in zip(names, members, zones.share.T):
@@ -172,18 +178,6 @@ def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
         for zone, each, share in zip(entries, members, zones.share.T)
     ]
     return replace(zones, notes=notes, nodes=nodes)
-
-
-def nearer_ends(net: Net) -> np.ndarray:
-    """Return the nearer end (h, k) of the table's element around each particle; other points are their own.
-
-    With an even number of parts (h = 2), the halves of a middle particle have different ends.
-    """
-    ends = np.tile(np.arange(net.n + len(net.corners)), (2 - net.parts % 2, 1))
-    start, end = net.undivided().T[:, :, None]
-    for half, of_half in enumerate(ends):
-        of_half[net.inner_particles()] = np.where(2 * np.arange(1, net.parts) > net.parts - half, end, start)
-    return ends
 
 
 def _overlap_notes(
@@ -257,8 +251,6 @@ def _shares(
             of_node[members.ravel()] = k
     if cutter is not None and cut and not parts:
         in_halves = cutter.parts_of_halves(_regions(entries), cutter.share_inside, np.arange(net.n))
-        if net.parts > 1:
-            _gather_at_given_areas(in_halves, ends, net.area, cutter.shares)
         parts = {k: share.ravel() for k, share in in_halves.items()}
     part = np.column_stack([np.zeros((ends.size, 0)), *(np.where(of_node > k, 0.0, parts[k]) for k in parts)])
     whole_zone = of_node.copy()
@@ -272,21 +264,6 @@ def _shares(
     shares, middle = shares.reshape(*ends.shape, -1), np.flatnonzero(has_half_area(net))
     shares[:, middle] = shares[np.isfinite(net.area[ends[0, middle]]).astype(int), middle]  # only this half
     return np.asarray(shares.mean(0))
-
-
-def _gather_at_given_areas(
-    in_halves: dict[int, np.ndarray], ends: np.ndarray, area: np.ndarray, shares: FaceShares
-) -> None:
-    """Replace the shares (h, n) of nodes with a given area (n,) by the mean of the halves around them.
-
-    A given area covers the halves of `subdivide`, which have the areas in plan of `shares`.
-    """
-    nearest, n = ends.ravel(), len(area)
-    plan = np.tile(shares.at_nodes(shares.plan_areas(), n), len(ends))
-    total = np.bincount(nearest, plan, n)
-    given = (area > 0.0) & (total > 0.0)
-    for share in in_halves.values():
-        share[:, given] = np.bincount(nearest, plan * share.ravel(), n)[given] / total[given]
 
 
 def _regions(entries: list[Any]) -> dict[int, Any]:
@@ -328,12 +305,14 @@ def _zones_of_corners(
             share[..., k] += part
             rest -= part
     share[..., -1] = rest
-    share = share.mean(0)
-    sums = shares.at_nodes(shares.surface_areas()[:, None] * share, net.n)
+    share, (node, surface, *_) = share[:, shares.node < net.n], roof_parts(net, roofing.given)
+    share = share.reshape(-1, share.shape[2]) if np.isfinite(net.area).any() else share.mean(0)
+    share = np.concatenate([share, zones.share[node[len(share) :]]])
+    sums = sum_at_nodes(node, surface[:, None] * share, net.n)
     total = roofing.given.surface[:, None]
     of_nodes = np.where(total > 0, sums / np.where(total > 0, total, 1.0), zones.share)
     of_nodes = np.where(of_nodes > 1.0 - NO_AREA, 1.0, np.where(of_nodes < NO_AREA, 0.0, of_nodes))
-    return Zones(zones.names, of_nodes, corners=Zones(zones.names, share[shares.node < net.n]))
+    return Zones(zones.names, of_nodes, corners=Zones(zones.names, share))
 
 
 def _mismatch_notes(zone: Zone, members: np.ndarray, inside: np.ndarray, plan: np.ndarray) -> Iterator[str]:

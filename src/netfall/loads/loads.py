@@ -323,4 +323,6 @@ def aerodynamic_damping(job: Job, x: np.ndarray, roof: RoofAreas) -> np.ndarray 
 
 def added_air_mass(job: Job, roof: RoofAreas) -> np.ndarray | None:
     """Compute the added mass (n,) [kg] of the air; None: no added mass."""
-    return roof.zones.spread(job.load, "added_mass") * roof.area if derived.has_added_air_mass(job) else None
+    if not derived.has_added_air_mass(job):
+        return None
+    return roof.at_nodes(roof.parts.zones.spread(job.load, "added_mass") * roof.parts.area)
