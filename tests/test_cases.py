@@ -209,13 +209,18 @@ def test_a_static_wind_equals_the_equilibrium_under_the_mean_wind(workshop):
 
 
 def test_only_coefficients_of_another_direction_are_a_warning(workshop):
-    """Coefficients that each case has for its direction need no table. The dynamic stage has one too."""
+    """Coefficients that each case has for its direction need no table. The dynamic stage has one too.
+
+    Directions of 360 and -360 degrees are that of 0.
+    """
     words, north = "are those of another direction", case("north", f"set = {{{WIND}}}")
     east = case("east", f'set = {{{WIND}, "wind.direction" = 90.0}}')
     other = case("west", f'set = {{{WIND.replace("-0.8", "-0.5")}, "wind.direction" = 270.0}}')
+    turned = [case("turn", f'set = {{{WIND}, "wind.direction" = {angle}}}') for angle in (360.0, -360.0)]
     moving = "[wind]\nspeed = 30.0\nsurface_drag = 0.0\npressure_coefficient = -0.8\nbase_height = 10.0\n"
     moving += "[wind.zone.half]\npressure_coefficient = -1.4\n[dynamics]\nduration = 0.001\n"
-    for text, cases in ((north + other, []), (north + east + other, ["east"]), (moving + east, ["east"])):
+    pairs = ((north + other, []), (north + east + other, ["east"]), (moving + east, ["east"]))
+    for text, cases in (*pairs, *((north + each, []) for each in turned)):
         assert [note.split()[2][:-1] for note in notes_of(workshop, text, words)] == cases
 
 

@@ -166,7 +166,7 @@ def _read_case_wind(zones: Zones, job: Job, case: Case) -> tuple[dict[str, Any],
     notes = list(sectors.notes) if sectors else []
     winds: list[Wind] = [static_wind(job.wind or Wind(), each) for each in job.cases if has_static_wind(each)]
     winds = [*winds, job.wind] if job.wind else winds
-    directions = {each.direction for each in winds if _coefficients(each) == _coefficients(wind)}
+    directions = {each.direction % 360.0 for each in winds if _coefficients(each) == _coefficients(wind)}
     if "wind.direction" in case.set and len(directions) > 1 and not wind.sectors and any(_coefficients(wind)):
         origin = describe_origin(wind.direction)
         notes.append(messages.CASE_DIRECTION_IGNORED(case=case.name, direction=wind.direction, origin=origin))

@@ -423,7 +423,7 @@ def missing_strength_warnings(
 ) -> list[str]:
     """Return a warning if the tension of elements is not checked although others have a strength.
 
-    It names cables without a breaking force, and bars in tension without any strength.
+    It names cables without a breaking force, and bars in tension without any strength, that stand in a stage.
     """
     has_force, yields = (np.isfinite(strength) for strength in tensile_strengths(f).values())
     is_bar = f["net/bar"][:] == 1
@@ -431,7 +431,7 @@ def missing_strength_warnings(
     for one in checked:
         if not one.check.compression:
             unchecked &= np.isnan(one.resistance)
-    lacking = np.where(is_bar, unchecked, ~has_force)
+    lacking = np.where(is_bar, unchecked, ~has_force & ~np.isnan(envelope.most))
     missing = lacking & (has_force.any() | np.where(is_bar, yields.any(), yields))
     used = [strength for one in checked for strength, _ in one.check.resistances]
     if "breaking_load" not in used or not missing.any():
