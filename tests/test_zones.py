@@ -141,7 +141,7 @@ def test_a_node_in_several_zones_belongs_to_the_last(workshop):
     _, net, zoned = zones(workshop, '[[zone]]\nname = "own"\n' + "".join(both), column=column)
     assert places(net, zoned, "own") == set()
     (line,) = zoned.notes
-    assert line.startswith('warning: zone "own": later zones ("low", "high") cover 100% of it.')
+    assert line.startswith('warning: zone "own": other zones ("low", "high") cover 100% of it.')
 
 
 SHARED = """id, x, y, z, fixed, zone, zone_share
@@ -222,6 +222,7 @@ ZONES_OF_ROWS = {  # entries, and the area [m2] of "row" and "rest", by hand
     "after a polygon": (rectangle("rest", 0, 1.5, 5, 5) + ROWS, 5.0, 17.5),
     "after a polygon over it": (rectangle("rest", 0, 0, 5, 5) + ROWS, 5.0, 20.0),
     "after an overlapping polygon": (rectangle("rest", 0, 0, 5, 1.5) + BY_GROUP, 5.0, 2.5),
+    "before a polygon beside its nodes": (ROWS + rectangle("rest", 0, 0, 5, 0.75), 3.75, 3.75),
     "before an overlapping polygon": (BY_GROUP + rectangle("rest", 0, 0, 5, 1.5), 0.0, 7.5),
 }
 
@@ -232,7 +233,8 @@ ZONES_OF_ROWS = {  # entries, and the area [m2] of "row" and "rest", by hand
 def test_subdivision_keeps_the_area_of_zones(workshop, by, parts, roof):
     """The row of nodes at y = 1 has 5 m2 of the grid by hand, alone and with a cut polygon beside or over it.
 
-    With `[roof] normal`, a polygon takes its part of a face before a zone that has some corners of it.
+    With `[roof] normal`, a polygon takes its part of a face before a zone that has some corners of it. A
+    warning states the part of the row that it takes.
     """
     entries, row, rest = ZONES_OF_ROWS[by]
     if roof and "over" in by:
@@ -248,6 +250,9 @@ def test_subdivision_keeps_the_area_of_zones(workshop, by, parts, roof):
     areas = dict(zip(zoned.names, zoned.share.T @ model.roof.area))
     assert zoned.share.sum(1) == pytest.approx(np.ones(model.net.n), abs=1e-14)
     assert areas["row"] == pytest.approx(row, abs=1e-12)
+    covered = [note for note in model.layout.notes if "other zones" in note]
+    assert len(covered) == (row < 5.0)
+    assert all(f'zone "row": other zones ("rest") cover {1.0 - row / 5.0:.0%} ' in note for note in covered)
     assert areas.get("rest", 0.0) == pytest.approx(rest, abs=1e-12)
     assert model.loading.carried.sum() * 9.81 == pytest.approx(200.0 * 25 + 700.0 * row, rel=1e-13)
 
@@ -307,11 +312,11 @@ def test_values_that_a_later_zone_replaces_are_named(workshop):
     drift = 'steps = 1\n[[case]]\nname = "c"\nset = {"load.zone.west.snow" = 900%s}\n'
     wind = "[wind.zone.rim]\npressure_coefficient = 1\n"
     (line,) = zones(workshop, both + STILL + WIND + wind + "[load]\n" + drift % "")[2].notes
-    assert 'zone "west": later zones ("rim") cover 33% of it' in line and "(load.snow) do not" in line
+    assert 'zone "west": other zones ("rim") cover 33% of it' in line and "(load.snow) do not" in line
     text = both + STILL + WIND + wind + "[load]\n" + drift % ', "load.zone.rim.snow" = 900'
     assert zones(workshop, text)[2].notes == []
     covered = square("inner", 1, 1, 2, 2) + square("all", 0, 0, 9, 9)
-    assert 'zone "inner": later zones ("all") cover 100%' in zones(workshop, covered)[2].notes[0]
+    assert 'zone "inner": other zones ("all") cover 100%' in zones(workshop, covered)[2].notes[0]
 
 
 ZONED = WIND.replace("[wind]\n", "[wind]\ndirection = 0\n") + STILL

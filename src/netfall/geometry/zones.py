@@ -1,6 +1,6 @@
 """Zones of the roof: the nodes of each zone, and its values."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -153,12 +153,19 @@ def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
     cutter = None
     if len(roofing.faces) and any(zone.polygon is not None for zone in entries):
         cutter = PolygonCutter(net, roofing.faces, roofing.given.shares)
-    zones = Zones(names, _shares(net, entries, halves, cutter))
     given = bool(np.isfinite(net.area).any())  # areas, which cover parts of `subdivide` too
-    cut = any(cuts_areas(zone) for zone in entries) and (given or len(zones.mixed) > 0)
     oriented = net.roof_axes is not None and not (given or np.isfinite(net.normal).any())
-    if names and len(roofing.faces) and net.zone_share is None and (cut or oriented):
-        zones = _zones_of_corners(net, roofing, zones, halves, _regions(entries), cutter)
+
+    def zones_of(rows: Sequence[int]) -> Zones:
+        """Return the zones of some entries, as if there were no others."""
+        some, inside = [entries[k] for k in rows], [halves[k] for k in rows]
+        zones = Zones([names[k] for k in rows], _shares(net, some, inside, cutter))
+        cut = any(cuts_areas(zone) for zone in some) and (given or len(zones.mixed) > 0)
+        if some and len(roofing.faces) and net.zone_share is None and (cut or oriented):
+            return _zones_of_corners(net, roofing, zones, inside, _regions(some), cutter)
+        return zones
+
+    zones = zones_of(range(len(entries)))
     notes = []
     for name, each, share in zip(names, members, zones.share.T):
         if not (share.any() or each.any()):
@@ -167,7 +174,7 @@ def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
     keys: dict[str, set[str]] = {name: set() for name in names}
     for name, _, given in _zone_settings(job):
         keys[name] |= given
-    notes += _overlap_notes(entries, halves, zones.share, keys, area, cutter)
+    notes += _overlap_notes(zones, zones_of, keys, area)
     for zone, each in zip(entries, members):
         if cutter and zone.polygon is not None and not cuts_areas(zone):
             notes += _mismatch_notes(zone, each, cutter.share_inside(shapely.Polygon(zone.polygon)), area)
@@ -181,47 +188,32 @@ def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
 
 
 def _overlap_notes(
-    entries: list[Zone],
-    inside: list[np.ndarray],
-    share: np.ndarray,
-    keys: dict[str, set[str]],
-    area: np.ndarray,
-    cutter: "PolygonCutter | None",
+    zones: Zones, zones_of: Callable[[Sequence[int]], Zones], keys: dict[str, set[str]], area: np.ndarray
 ) -> Iterator[str]:
-    """Yield a warning of each zone that later zones overlap without some of its values.
+    """Yield a warning of each zone that other zones overlap without some of its values.
 
-    inside : halves (h, n) bool of nodes in each zone; share : of `Zones`; area : (n,) [m2] of each node
+    zones_of : returns the zones of these rows alone; area : (n,) [m2] of each node
     keys : that the job gives for each zone
     """
-    for k, (zone, members) in enumerate(zip(entries, inside)):
-        has_rest = share[:, k].any()  # a zone that gives all values of the other loses none of them
-        lacking = [keys[zone.name] - keys[other.name] for other in entries]
-        later = [m for m in range(k + 1, len(entries)) if lacking[m] or not has_rest]
-        later = [m for m in later if _overlap(zone, members, entries[m], inside[m])]
-        if not later:
-            continue
-        if cutter and all(cuts_areas(entries[m]) for m in (k, *later)):
-            region, *others = (shapely.Polygon(entries[m].polygon) for m in (k, *later))
-            rest = shapely.difference(region, shapely.union_all(others))
-            before, after = cutter.share_inside(region), cutter.share_inside(rest)
-        else:
-            before = members.astype(float)
-            after = np.where(np.any([inside[m] for m in later], axis=0), 0.0, before)
+    for k, name in enumerate(zones.names):
+        before, rest = zones_of([k]).share[:, 0], zones.share[:, k]
         weight = area if (area * before).any() else np.ones(len(area))
-        whole, taken_away = (weight * before).sum(), (weight * (before - after)).sum()
-        if taken_away > MAX_OUTSIDE_SHARE * whole:
-            names = ", ".join(format_value(entries[m].name) for m in later)
-            values = ", ".join(sorted(set[str]().union(*(lacking[m] for m in later)))) or "all"
-            name, lost = format_value(zone.name), taken_away / whole
-            yield messages.COVERED_ZONE(name=name, others=names, lost=lost, values=values)
+        if weight @ (before - rest) <= MAX_OUTSIDE_SHARE * (weight @ before):
+            continue
 
+        def lost_to(others: list[int], k: int = k, before: Any = before, weight: Any = weight) -> float:
+            rows = sorted([k, *others])
+            after = zones_of(rows).share[:, rows.index(k)]
+            return float(weight @ (before - after) / (weight @ before))
 
-def _overlap(zone: Zone, members: np.ndarray, other: Zone, others: np.ndarray) -> bool:
-    """Return whether two zones have area, or without polygons nodes, in common."""
-    if zone.polygon is None or other.polygon is None:
-        return bool((members & others).any())
-    region = shapely.Polygon(zone.polygon)
-    return bool(region.intersection(shapely.Polygon(other.polygon)).area > NO_AREA * region.area)
+        # a zone that gives all values of the other loses none of them
+        lacking = [keys[name] - keys[other] for other in zones.names]
+        others = [m for m in range(len(lacking)) if m != k and (lacking[m] or not rest.any())]
+        others = [m for m in others if lost_to([m]) > NO_AREA]
+        if others and (lost := lost_to(others)) > MAX_OUTSIDE_SHARE:
+            listed = ", ".join(format_value(zones.names[m]) for m in others)
+            values = ", ".join(sorted(set[str]().union(*(lacking[m] for m in others)))) or "all"
+            yield messages.COVERED_ZONE(name=format_value(name), others=listed, lost=lost, values=values)
 
 
 def cuts_areas(zone: Zone) -> bool:
