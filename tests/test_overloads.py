@@ -8,8 +8,11 @@ from conftest import ROOT, run_on_standing_ranks
 from nets import table
 
 from netfall.core.messages import kN
+from netfall.driver.sample import run_sample
 from netfall.geometry.build import build_net
+from netfall.job.cache import ResultCache
 from netfall.job.read import read_job
+from netfall.parallel.mpi import MPI
 from netfall.results.locks import h5_in_memory
 from netfall.results.warning_text import exceeds_strength, overload_warnings_of
 
@@ -92,7 +95,7 @@ def broken(workshop):
 
 
 def test_run_info_and_report_name_the_post_and_its_ropes(workshop, broken):
-    """All three name the elements and forces of /envelope, beyond the 3000 kN of the ropes."""
+    """All name the elements and forces of /envelope, above the 3000 kN of the ropes. A sample has no file."""
     out, result = broken
     with workshop.open() as f:
         most, end = f["envelope/tension_max"][:], f["history/time"][-1]
@@ -104,7 +107,10 @@ def test_run_info_and_report_name_the_post_and_its_ropes(workshop, broken):
         assert len(ropes) and most[8] > 1.05 * 3000e3 and end == 2.0  # otherwise the case shows nothing
     worst = ropes[np.argmax(most[ropes])]
     had = "1 element had" if len(ropes) == 1 else f"{len(ropes)} elements had"
-    for text in (out, workshop.info(result), workshop.report(result).page):
+    lines: list[str] = []
+    job = read_job(workshop.folder / "job.toml")
+    run_sample(MPI.COMM_WORLD, lambda: job, None, ResultCache(), say=lines.extend)
+    for text in (out, workshop.info(result), workshop.report(result).page, "\n".join(lines)):
         assert f"arning: dynamics: {had} tensions above" in text, text
         assert f"worst: element {worst + 1} ({worst % 4 + 1}-{5 + worst // 4}) with {kN(most[worst])}" in text
         assert (

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 
 import netfall
@@ -24,7 +25,7 @@ from netfall.driver.removal import equilibria as removal_equilibria
 from netfall.driver.reporting.run import OutcomeReport, form_found_model, report_net, report_problem
 from netfall.driver.setup import FORM, prepare_problem
 from netfall.driver.statics import stage as statics
-from netfall.explicit.energy import take_snapshot
+from netfall.explicit.energy import Snapshot, take_snapshot
 from netfall.explicit.plan import StepPlan
 from netfall.gpu.plan import plan_maker
 from netfall.job.cache import NO_CACHE, ResultCache
@@ -36,11 +37,12 @@ from netfall.parallel.agree import on_root
 from netfall.parallel.mpi import MPI
 from netfall.physics.events import EventLog
 from netfall.physics.fields import Features
+from netfall.physics.state import State
 from netfall.results.checkpoint import Checkpoint, CheckpointWriter, restore_state
 from netfall.results.h5 import check_one_folder
-from netfall.results.locks import check_output_path, locked_output, resolve_link
+from netfall.results.locks import check_output_path, h5_in_memory, locked_output, resolve_link
 from netfall.results.warning_text import force_balance_warnings
-from netfall.results.writer import Result, net_section, slide_section
+from netfall.results.writer import Result, net_section, slide_section, write_order, write_sections
 from netfall.statics.reactions import Balance, compute_form_balance
 
 STAGES = (statics, removal_equilibria, modes, dynamics)
@@ -120,24 +122,55 @@ def make_context(
     given : the checkpoint to resume; checkpoint : its contents, on rank 0
     """
     log, net, job = EventLog(problem.distribution.n), problem.model and problem.model.net, problem.job
-    result: Any = Result(path, problem.distribution, net, log) if path else NullResult(problem.comm)
+    result: Any = Result(path, problem.distribution, net, log) if path else UnsavedResult(problem)
     saver = CheckpointWriter(result, job.title or job.name, problem.digest, STAGE_NAMES, given, checkpoint)
     return RunContext(log, result, saver, progress, phases, stop, cache)
 
 
-class NullResult:
-    """A result with the interface of `writer.Result` that discards everything."""
+class UnsavedResult:
+    """A result with the interface of `writer.Result` without a file; its warnings need the small datasets."""
 
     is_stored = False
 
-    def __init__(self, comm: MPI.Comm):
-        self.comm, self.file, self.removals = comm, self, 0
+    def __init__(self, problem: Problem):
+        self.problem, self.comm, self.removals = problem, problem.comm, 0
+        self.sections: dict[str, dict[str, Any]] = {}
+
+    @property
+    def file(self) -> "UnsavedResult":
+        """Its interface includes that of the file."""
+        return self
 
     def _nothing(self, *_: object) -> None:
         pass
 
     write_frame = write_static_step = write_equilibrium = write_whole = _nothing
-    write_envelope = write_final = close = discard = discard_all = discard_after = _nothing
+    discard = discard_all = discard_after = _nothing
+
+    def write_envelope(self, state: State, tension: dict[str, Any], displacement: dict[str, Any]) -> None:
+        """Gather the datasets of the elements in /envelope."""
+        gather = self.problem.gather_elements
+        self.sections["envelope"] = {name: gather(values) for name, values in tension.items()}
+
+    def write_final(self, state: State, snapshot: Snapshot) -> None:
+        """Gather the plastic strains of the last state."""
+        self.sections["final"] = {"plastic_strain": self.problem.gather_elements(snapshot.eps_p)}
+
+    def close(
+        self,
+        sections: dict[str, Any],
+        provenance: dict[str, Any],
+        phases: dict[str, Any],
+        labels: dict[str, Any],
+        warnings: Callable[[h5py.File], list[str]],
+    ) -> None:
+        """Compose the warnings of the run on rank 0; see `writer.Result.close`."""
+        if self.comm.rank == 0:
+            with h5_in_memory() as file:
+                write_sections(file, sections | self.sections)
+                write_order(file, sections)
+                file.create_group("provenance").attrs["notes"] = ""
+                warnings(file)
 
 
 def run_stages(problem: Problem, context: RunContext) -> dict[str, Outcome]:

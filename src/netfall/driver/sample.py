@@ -1,7 +1,7 @@
 """One sample of a study: a job from form finding to the end of its dynamic stage, and its outcomes."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -36,7 +36,7 @@ from netfall.results.h5 import check_one_folder
 from netfall.results.locks import check_output_path
 from netfall.results.removals import OUTCOME_TEXT, removal_states, significant_dynamic_factors, tension_ratios
 from netfall.results.states import LIMIT_POINT
-from netfall.results.warning_text import BALANCE_COLUMNS, dynamic_limit_warnings
+from netfall.results.warning_text import BALANCE_COLUMNS
 from netfall.results.writer import net_section
 
 ROUNDING = 1e-9  # relative tolerance of a strain at the yield force
@@ -226,7 +226,6 @@ def _run_outcomes(
         measured["utilisation_before_break"] = utilisation(problem.model, extremes)
     else:
         measured = _dynamic_outcomes(problem.model, outcomes[last].result, extremes, depth)
-        progress.say(*_limit_warnings(problem.model, extremes))
     before = outcomes[statics.NAME].result if statics.NAME in outcomes else statics.StaticPath()
     return NO_OUTCOMES | measured | _failed_search(problem, before)
 
@@ -304,13 +303,6 @@ def _dynamic_outcomes(
         outcomes["gusts"] = int(model.wind_field is not None and model.wind_field.varies)
     outcomes |= {"detached_area": detached_area(net, area, failed), "utilisation_before_break": used}
     return outcomes | _net_outcomes(net, area, extremes, depth)
-
-
-def _limit_warnings(model: Model, extremes: Extremes) -> Iterator[str]:
-    """Yield warnings of elements that buckled, exceeded the Euler load, or yielded in the dynamic stage."""
-    caps, compression = model.element_force_limits, extremes.compressed * model.net.EA
-    yielded = np.fmax(extremes.strain * model.net.EA, compression) > (1.0 + ROUNDING) * caps.yielding
-    yield from dynamic_limit_warnings(compression, caps, yielded, model.net.element_id)
 
 
 def utilisation(model: Model, extremes: Extremes) -> float:

@@ -326,7 +326,7 @@ def removal_equilibria(f: Any) -> Iterator[StateView]:
 def described_removals(f: Any) -> list[str]:
     """Describe each member removal, see `removal_lines`, and the largest displacements in its equilibrium."""
     g, node_id, texts = f[REMOVAL], f["net/node_id"][:], []
-    before = f["initial_state/position"][:] - start_position(f) if "initial_state" in f else np.nan
+    before = f["initial_state/position"][:] - start_position(f) if "initial_state/position" in f else np.nan
     for displacement in g.get("displacement_after", ()):  # earlier versions do not write it
         words, text = ("largest displacement in that equilibrium", "by removals so far"), []
         for what, distance in zip(words, map(lengths, (displacement, displacement - before))):

@@ -15,7 +15,7 @@ import numpy as np
 from netfall.core.functions import lengths
 from netfall.core.messages import count_of
 from netfall.job.values import counted
-from netfall.physics.law.measures import REACHED_SHARE, ForceLimits
+from netfall.physics.law.measures import REACHED_SHARE
 from netfall.physics.slip.law import MIN_SEGMENT_SHARE
 from netfall.results import messages, states
 from netfall.results.file import element_name
@@ -176,20 +176,13 @@ def element_list(ids: np.ndarray) -> str:
 
 def dynamic_limit_warnings_of(f: Any) -> Iterator[str]:
     """Yield warnings of elements that buckled, exceeded the Euler load, or yielded in the dynamic stage."""
-    compression, yielded = -f["envelope/tension_min"][:], states.yielded_elements(f)
-    yield from dynamic_limit_warnings(compression, states.force_caps(f), yielded, f["net/element_id"][:])
-
-
-def dynamic_limit_warnings(
-    compression: np.ndarray, caps: ForceLimits, yielded: np.ndarray, element_id: np.ndarray
-) -> Iterator[str]:
-    """Yield these warnings from the largest compression (m,) [N] and from which elements (m,) yielded."""
+    compression, caps, ids = -f["envelope/tension_min"][:], states.force_caps(f), f["net/element_id"][:]
     reached = {
         "buckled": compression >= REACHED_SHARE * caps.buckling,
         "beyond_euler": compression > caps.straight,
-        "yielded": yielded,
+        "yielded": states.yielded_elements(f),
     }
-    labels = {name: element_id[rows][: states.MOST_MARKED] for name, rows in reached.items() if rows.any()}
+    labels = {name: ids[rows][: states.MOST_MARKED] for name, rows in reached.items() if rows.any()}
     yield from limit_warnings((states.DYNAMIC_STAGE, labels))
 
 

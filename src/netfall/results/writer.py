@@ -240,19 +240,14 @@ class Result:
 
         def finish(file: h5py.File) -> None:
             self.series.finish(file)
-            for group, datasets in sections.items():
-                parent = file.require_group(group) if datasets else file
-                for name, values in datasets.items():
-                    parent.create_dataset(name, data=values)
+            write_sections(file, sections)
             for group, attributes in labels.items():
                 file.require_group(group).attrs.update(attributes)
             _write_provenance(file.create_group("provenance"), provenance, phases)
             label(file)  # also here, so that its size is included
 
         def conclude(file: h5py.File) -> None:
-            states = [group for group in sections if group != "form_finding" and f"{group}/tension" in file]
-            for order, group in enumerate(states):
-                file[group].attrs[ORDER_ATTRIBUTE] = order
+            write_order(file, sections)
             label(file)
             _write_text(file["provenance"], "warnings", "\n".join(warnings(file)))
 
@@ -262,6 +257,21 @@ class Result:
         self._end_segment()
         places = self.file.temporary, self.path
         on_root(self.comm, lambda: join_segments(self.segments, *places, finish, conclude))
+
+
+def write_sections(file: h5py.File, sections: dict[str, dict[str, Any]]) -> None:
+    """Write datasets by group; see `Result.close`."""
+    for group, datasets in sections.items():
+        parent = file.require_group(group) if datasets else file
+        for name, values in datasets.items():
+            parent.create_dataset(name, data=values)
+
+
+def write_order(file: h5py.File, sections: dict[str, dict[str, Any]]) -> None:
+    """Write the order of the equilibria, which is that of the sections."""
+    states = [group for group in sections if group != "form_finding" and f"{group}/tension" in file]
+    for order, group in enumerate(states):
+        file[group].attrs[ORDER_ATTRIBUTE] = order
 
 
 def _moments(state: State) -> dict[str, np.ndarray]:

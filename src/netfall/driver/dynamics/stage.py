@@ -79,8 +79,7 @@ def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outc
         simulation.halo.free()
         raise
     attributes = {"steps": simulation.steps, "time_step": schedule.long_dt, "shortest_time_step": schedule.dt}
-    datasets = sections(problem, simulation) if context.result.is_stored else {}
-    return Outcome(simulation, sections=datasets, attributes=attributes)
+    return Outcome(simulation, sections=sections(problem, simulation), attributes=attributes)
 
 
 def set_slip_inertia(problem: Problem) -> None:

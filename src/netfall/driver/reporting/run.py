@@ -145,27 +145,29 @@ def report_problem(problem: Problem, progress: Progress) -> None:
 
 
 class OutcomeReport:
-    """The lines on the outcome of a run, on rank 0, from its result file before the file is renamed."""
+    """The lines on the outcome of a run, on rank 0, from its result file before the file is renamed.
+
+    A run without a result file has its small datasets in memory; see `driver.run.UnsavedResult`.
+    """
 
     def __init__(self, problem: Problem, context: RunContext, outcomes: dict[str, Outcome]):
         """Gather the data that a result file does not contain. Collective."""
         self._has_dynamics, self._model = dynamics.NAME in outcomes, problem.model
         history = outcomes[dynamics.NAME].result.history if self._has_dynamics else None
-        self._most_strained = None  # strain, time [s], nan: at the end, and element, of those without a limit
-        if context.result.is_stored:
-            if history is None:
-                state, gid = problem.state, problem.distribution.subdomain.element_gid
-                elements = state.present_element_state()
-                local_largest = most_strained(state, np.nan, elements.eps, elements.N, gid)
-            else:
-                local_largest = history.most_strained
-            self._most_strained = largest_unlimited_strain_of_ranks(problem.comm, local_largest)
+        if history is None:
+            state, gid = problem.state, problem.distribution.subdomain.element_gid
+            elements = state.present_element_state()
+            local_largest = most_strained(state, np.nan, elements.eps, elements.N, gid)
+        else:
+            local_largest = history.most_strained
+        # strain, time [s], nan: at the end, and element, of those without a limit
+        self._most_strained = largest_unlimited_strain_of_ranks(problem.comm, local_largest)
         self._progress = context.progress
         self.lines: list[str] = []
 
     def warnings(self, f: h5py.File) -> list[str]:
         """Set `lines`, and return all warnings of the run. f : the result file, on rank 0"""
-        if self._model is not None and self._most_strained:
+        if self._model is not None:
             if self._has_dynamics:
                 self.lines += _dynamics_lines(self._model, f)
                 self.lines += warning_text.dynamic_limit_warnings_of(f)
