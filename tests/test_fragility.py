@@ -304,8 +304,9 @@ def test_samples_without_a_value_have_the_ranks_of_the_worst_or_the_best(tmp_pat
         assert (worst in study_lines(path)) == (of is fallen)
         pictures_of(read_study(path))["inputs"](read_study(path))
     fallen["state"][:] = "no_equilibrium"
-    write_study(path, fallen, {})
-    assert "rank correlation" not in study_lines(path)
+    for none in fallen, {name: values[:7] for name, values in samples.items()}:  # too few for a correlation
+        write_study(path, none, {})
+        assert "rank correlation" not in study_lines(path)
 
 
 @pytest.fixture(scope="module")

@@ -33,6 +33,7 @@ from conftest import (
 )
 from mpi4py import MPI
 from nets import LOW_SADDLE, WEAK
+from study_files import study_lines
 
 from netfall.core import launch
 from netfall.core.errors import InputError
@@ -880,6 +881,8 @@ def test_keys_that_cases_give_and_a_hazard_without_gusts_warn(tmp_path):
     roof.write_text(head + tail)
     (note,) = read_study_plan(study).notes
     assert note.startswith("warning: [[case]] snow: set gives load.snow, which the study varies.")
+    run_on_standing_ranks("study", study, cwd=tmp_path)
+    assert note in study_lines(study.with_suffix(".study.h5")).splitlines()
     wind = "[wind]\nspeed = 20.0\nbase_height = 10.0\npressure_coefficient = -0.5\n"
     roof.write_text(head + wind + '[[case]]\nname = "west"\nset = {wind.direction = 90.0}\n')
     study.write_text('job = "roof.toml"\n[vary]\n"wind.speed" = [20.0, 30.0]\n')

@@ -127,6 +127,7 @@ class StudyRuns:
             "workers": workers,
             "ranks": plan.run.ranks,
             "drawn": np.array([*plan.distributions], str),
+            "notes": np.array(plan.notes, str),
         }
         if plan.draws is not None:
             provenance["draws"] = plan.draws

@@ -69,6 +69,8 @@ def _print_inputs(study: Study, say: Callable[..., Any]) -> None:
     say(f"study{part}: {count_of(n, 'sample')}{nets}, {what}")
     for name in names:
         say(f"  {name}: {_values(study.samples[name], unit_of_column(name))}")
+    for note in study.notes:
+        say(note)
     if study.moves and SPEED in names and "wind.seed" not in names:
         say(messages.SAME_GUSTS())
 
@@ -367,24 +369,26 @@ def _named(names: np.ndarray) -> str:
 
 def _correlations(study: Study, say: Callable[..., Any]) -> None:
     """Print the rank correlation of each drawn input with each outcome."""
-    names, outcomes = statistics.drawn_inputs(study), statistics.responses(study)
-    if not (names and outcomes):
+    outcomes, lines = statistics.responses(study), []
+    for name in statistics.drawn_inputs(study):
+        text, combination = [], statistics.combination_codes(study, name)
+        drawn, draws = study.samples[name].astype(float), statistics.draw_codes(study)
+        for what, values in outcomes.items():
+            rho, _, significant = statistics.spearman(drawn, values, draws, combination)
+            if np.isfinite(rho):
+                text.append(f"{what} {rho:+.2f}" if significant else f"{what} ({rho:+.2f})")
+        if text:
+            lines.append(f"  {with_unit(name)}: " + ", ".join(text))
+    if not lines:
         return
-    draws = statistics.draw_codes(study)
     failed = int((study.samples["state"] == "no_equilibrium").sum())
     counted = f"of the {study.finished.sum()} samples that finished"
     counted += f" and the {failed} without equilibrium as the worst" * bool(failed)
     fixed = statistics.chosen_inputs(study)
     counted += f", within each {' and '.join(fixed)}" * bool(fixed)
     say(f"rank correlation (Spearman) with the random inputs, {counted}; (...): not significant")
-    for name in names:
-        text, combination = [], statistics.combination_codes(study, name)
-        for what, values in outcomes.items():
-            drawn = study.samples[name].astype(float)
-            rho, _, significant = statistics.spearman(drawn, values, draws, combination)
-            if np.isfinite(rho):
-                text.append(f"{what} {rho:+.2f}" if significant else f"{what} ({rho:+.2f})")
-        say(f"  {with_unit(name)}: " + ", ".join(text))
+    for line in lines:
+        say(line)
 
 
 def _print_energy_check(study: Study, say: Callable[..., Any]) -> None:

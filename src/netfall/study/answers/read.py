@@ -1,5 +1,6 @@
 """Reading of a study file, NAME.study.h5, into memory."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,6 +27,7 @@ class Study:
     first_breaks, breaks : (m,) runs in which an element broke first, or at all
     drawn : inputs with random values; None: not known
     removes : kind of the removed parts, "element" or "cable"; "": none, or not known
+    notes : warnings and notes on the study and its job
     """
 
     name: str
@@ -40,6 +42,7 @@ class Study:
     breaks: np.ndarray
     drawn: list[str] | None = None
     removes: str = ""
+    notes: Sequence[str] = ()
 
     def break_shares(self) -> list[tuple[str, np.ndarray]]:
         """Return the shares (m,) of samples in which each element breaks first, and breaks, with names.
@@ -93,8 +96,9 @@ def read_study(path: Path) -> Study:
         net = read_columns(file["net"]) if "net" in file else empty_net
         drawn = file["provenance/drawn"].asstr()[:].tolist() if "provenance/drawn" in file else None
         removes = str(file["provenance/removes"].asstr()[()]) if "provenance/removes" in file else ""
+        notes = file["provenance/notes"].asstr()[:].tolist() if "provenance/notes" in file else []
         answers = fragility, hazard, failures, first_breaks, breaks
-        return Study(name, title, samples, events, net, *answers, drawn=drawn, removes=removes)
+        return Study(name, title, samples, events, net, *answers, drawn, removes, notes)
 
 
 def _required_datasets(file: h5py.File) -> list[str]:
