@@ -21,10 +21,11 @@ from netfall.results.file import open_result
 from netfall.study.answers import fragility, probit, samples
 from netfall.study.answers.fragility import FailureCriterion, curve_sections, failure_section
 from netfall.study.answers.hazard import Hazard
-from netfall.study.answers.info import _failures, print_study
+from netfall.study.answers.info import _failures, _share_text, print_study
 from netfall.study.answers.read import read_study
 from netfall.study.answers.removals import removal_of_element, removals_of
-from netfall.study.answers.statistics import next_half_width, spearman, wilson
+from netfall.study.answers.samples import FragilityCurve
+from netfall.study.answers.statistics import next_half_width, spearman
 from netfall.study.table import FORMAT
 
 SPEEDS = (30.0, 34.0, 38.0, 42.0, 46.0)
@@ -209,6 +210,12 @@ def test_a_key_of_a_group_with_a_slash_is_an_input(tmp_path):
     assert "group.side/a.area: 0.0001, 0.0002 m2" in study_lines(tmp_path / "a.study.h5")
 
 
+def roots_of_wilson(n: int, share: float) -> np.ndarray:
+    """Return the percentages p with (share - p)^2 = 1.96^2 p (1 - p) / n."""
+    extra = 1.959964**2 / n
+    return 100.0 * np.sort(np.roots([1.0 + extra, -2.0 * share - extra, share**2]))
+
+
 def test_the_failed_share_counts_independent_samples():
     """Five random prestresses at each of 20 seeds are five independent runs, five chosen ones are 20."""
     seed = np.arange(20).repeat(10)
@@ -223,15 +230,23 @@ def test_the_failed_share_counts_independent_samples():
     _failures(study, drawn_lines.append)
     study.drawn = []
     _failures(study, chosen_lines.append)
-    low, high = wilson(np.array([20]), np.array([4]))[:, 0]
-    assert f"(95 %: {low:.1%} to {high:.1%}, of 20 independent ones)" in chosen_lines[1]
+    low, high = roots_of_wilson(20, 20 / 95)
+    assert f"(95 %: {low:.3g}% to {high:.3g}%, of 20 independent ones)" in chosen_lines[1]
     assert chosen_lines[1].endswith("; cable.prestress pooled") and "pooled" not in drawn_lines[1]
-    assert drawn_lines[0].startswith("failure, torn, load.snow = 1000: 0 of 95 samples, 0.0% (95 %: 0.0% to")
-    low, high = wilson(np.array([5]), np.array([1]))[:, 0]  # 20 of 95 runs, but five prestresses
+    assert drawn_lines[0].startswith("failure, torn, load.snow = 1000: 0 of 95 samples, 0% (95 %: 0% to")
+    low, high = roots_of_wilson(5, 20 / 95)  # 20 of 95 runs, but five prestresses
     assert drawn_lines[1] == (
-        f"failure, torn, load.snow = 2000: 20 of 95 samples, 21.1% (95 %: {low:.1%} to {high:.1%}, of 5 "
-        "independent ones); 5 left out, 25.0% if all of them failed"
+        f"failure, torn, load.snow = 2000: 20 of 95 samples, 21.1% (95 %: {low:.3g}% to {high:.3g}%, of 5 "
+        "independent ones); 5 left out, 25% if all of them failed"
     )
+    samples["tension_max"][2:] = 1e5  # the first run, and one of 5000 without a common seed
+    samples["tension_max"][0] = 3e5
+    _failures(study, chosen_lines.append)
+    low, high = roots_of_wilson(20, 1 / 95)
+    assert f": 1 of 95 samples, 1.05% (95 %: {low:.3g}% to {high:.3g}%, of 20" in chosen_lines[2]
+    curve = FragilityCurve("", np.arange(5000), {}, np.zeros(5000, int))
+    low, high = roots_of_wilson(5000, 1 / 5000)
+    assert _share_text(curve, 5000, 1, 0) == f"1 of 5000 samples, 0.02% (95 %: {low:.3g}% to {high:.3g}%)"
 
 
 @pytest.mark.parametrize("crossed", [True, False])

@@ -305,15 +305,16 @@ def _share_text(curve: FragilityCurve, runs: int, failed: int, left_out: int) ->
     """
     if not runs:
         return ""
-    text = f"{failed} of {runs} samples, {failed / runs:.1%}"
-    if (independent := min(runs, curve.samples)) > 1:
-        low, high = statistics.wilson(
-            np.array([independent]), np.array([round(independent * failed / runs)])
-        )[:, 0]
+    independent, share = min(runs, curve.samples), failed / runs
+    low, high = statistics.wilson(np.array([independent]), np.array([independent * share]))[:, 0]
+    most = (failed + left_out) / (runs + left_out)
+    share, low, high, most = (f"{100.0 * value:.3g}%" for value in (share, low, high, most))
+    text = f"{failed} of {runs} samples, {share}"
+    if independent > 1:
         of = f", of {independent} independent ones" if independent < runs else ""
-        text += f" (95 %: {low:.1%} to {high:.1%}{of})"
+        text += f" (95 %: {low} to {high}{of})"
     if left_out:
-        text += f"; {left_out} left out, {(failed + left_out) / (runs + left_out):.1%} if all of them failed"
+        text += f"; {left_out} left out, {most} if all of them failed"
     return text
 
 

@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from scipy.stats import binomtest, rankdata, spearmanr
+from scipy.stats import norm, rankdata, spearmanr
 
 from netfall.study.answers.read import Study
 from netfall.study.answers.samples import (
@@ -117,9 +117,14 @@ def bin_speeds(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) -> tuple
 
 
 def wilson(runs: np.ndarray, failed: np.ndarray) -> np.ndarray:
-    """Return the 95 % intervals (2, b) of the shares of independent runs that failed (Wilson 1927)."""
-    intervals = [binomtest(int(k), int(n)).proportion_ci(0.95, "wilson") for n, k in zip(runs, failed)]
-    return np.reshape([(interval.low, interval.high) for interval in intervals], (-1, 2)).T
+    """Return the 95 % intervals (2, b) of the shares of independent runs that failed (Wilson 1927).
+
+    failed : (b,) need not be integers, if several dependent runs count as one
+    """
+    share, extra = failed / runs, norm.ppf(0.975) ** 2 / runs
+    half = np.sqrt(extra * (share * (1.0 - share) + 0.25 * extra))
+    low, high = ((share + 0.5 * extra + sign * half) / (1.0 + extra) for sign in (-1.0, 1.0))
+    return np.array([np.clip(low, 0.0, share), np.clip(high, share, 1.0)])  # rounding
 
 
 def interval_text(value: float, interval: np.ndarray, digits: int) -> str:
