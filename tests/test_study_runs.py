@@ -52,7 +52,7 @@ from netfall.study.answers.removals import removal_of_element, removals_of
 from netfall.study.file import read_study_plan
 from netfall.study.files import InputFiles, Journal, read_journal, study_files
 from netfall.study.pool import WorkerPool
-from netfall.study.sections import draw
+from netfall.study.sections import draw, quantiles
 from netfall.study.study import StudyRuns
 from netfall.study.table import Table
 
@@ -736,6 +736,8 @@ def test_draws_have_their_distribution(method):
     assert np.all(np.abs(drawn.mean(0) - [10.0, 10.0, 2.0, 2.5]) < 5.0 * deviation / np.sqrt(count))
     assert drawn.std(0) == pytest.approx(deviation, rel=0.15)
     assert set(drawn[:, 3].tolist()) == {1.0, 2.0, 3.0, 4.0}
+    large = {"distribution": "integer", "from": 10**15, "to": 10**15 + 9}
+    assert quantiles(large, np.array([0.999])) - 1e15 == 9.0  # 9.99 above the first is rounded to 10
     if method != "random":  # one in each stratum
         assert len(set(((drawn[:, 2] - 1.0) / 2.0 * count).astype(int))) == count
 

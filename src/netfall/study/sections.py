@@ -66,7 +66,7 @@ def quantiles(distribution: dict[str, Any], share: np.ndarray) -> np.ndarray:
     if kind == "uniform":
         return first + (second - first) * share
     if kind == "integer":
-        return np.floor(first + (second + 1.0 - first) * share)
+        return first + np.floor((second + 1.0 - first) * share)  # the sum could round up to an integer
     if kind == "normal":
         return first + second * quantile(share)
     ratio = second / first

@@ -100,7 +100,7 @@ def select_snapshots(
     steps = [0] if first is None else [0, max(int(np.searchsorted(times, first)) - 1, 0)]
     shown = [] if first is None else [first]
     if len(fractures):
-        shown += np.quantile(fractures, FRACTURE_SHARES, method="higher").tolist()
+        shown += np.quantile(fractures, FRACTURE_SHARES, method="inverted_cdf").tolist()
     after = np.searchsorted(times, [*shown, *removals, farthest], side="right")
     steps += np.minimum(after, last).tolist()
     steps += [last, *np.linspace(0, last, STAGES).astype(int).tolist()]
