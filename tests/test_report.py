@@ -880,7 +880,7 @@ def test_a_check_against_the_yield_force_alone_is_a_warning(workshop, strength, 
     ("kind", "prestress", "warns"), [("cable", 1e3, True), ("bar", 1e3, True), ("bar", -1e3, False)]
 )
 def test_tension_without_a_strength_among_others_is_a_warning(workshop, kind, prestress, warns, more):
-    """The tables of checks omit the cable or tie. A strut has no tension, and a cable in no stage no force."""
+    """The tables of checks omit the cable or tie. A strut has no tension, a cable in no stage no force."""
     nodes = "id,x,y,z,fixed\n1,0,0,9,1\n2,0,0,0,1\n3,5,0,0,1\n4,9,0,0,1\n"
     rows = "id,start,end,group,kind,prestress,breaking_load\n7,1,2,present,cable,1e3,100e3\n"
     rows += f"8,1,3,present,{kind},{prestress},\n9,1,4,absent,cable,1e3,{'' if more else '100e3'}\n"
@@ -1042,3 +1042,14 @@ def test_limits_without_a_combination_of_service_are_not_checked(workshop):
     done = workshop.solve(text, NODES, ELEMENTS.format(ROWS), code=None)
     assert "warning: [limits]: not checked: there is no combination of kind" in done.stdout
     assert "\nNot checked: no combination is of kind SLS.\n" in workshop.report().page
+
+
+def test_states_after_removals_are_accidental_and_not_of_service(workshop):
+    """40 kN on two cables, 20 kN each; without one the other has 60 kN at its peak, of 66.7 and 45 kN."""
+    text = "[cable]\nmodulus = 1.6e11\narea = 1e-4\ndensity = 1.0\nbreaking_load = 100e3\n[load]\n"
+    text += "self_weight = false\n[[remove]]\nelements = [7]\ntime = 0.0\n[dynamics]\nduration = 0.4\n"
+    nodes = "id,x,y,z,fixed,load_z,mass\n1,0,0,0,0,-40e3,100\n2,0,0,10,1,,\n3,0,0,5,1,,\n"
+    report = solved(workshop, text, nodes, "id,start,end,prestress\n7,1,2,20e3\n9,1,3,20e3\n")
+    rows = {row["check"]: (float(row["utilisation"]), row["result"]) for row in report.rows("checks")}
+    assert rows["en1993"] == (pytest.approx(60.0 / 66.667, rel=1e-3), "passes")
+    assert rows["en1993_service"] == (pytest.approx(20.0 / 45.0, rel=1e-6), "passes")

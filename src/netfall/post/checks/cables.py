@@ -32,6 +32,9 @@ NOT_VERIFIED = {  # reasons why a check cannot pass, worst first, and their text
     "beyond limit point": "FAILS: the path to {} passes a limit point.",
     "not checked": "NOT CHECKED: there is neither a case nor a combination of this kind, so only {} count.",
 }
+# accidental: states after member removals, which EN 1990, 6.5.3, excludes from serviceability
+ACCIDENTAL_KIND = "accidental"
+OTHER_KINDS = "", ERECTION_KIND, ACCIDENTAL_KIND  # of states that are neither permanent nor of cases
 UNVERIFIED_STATES = {  # of an equilibrium, also after a member removal: reason why no check passes
     "no_equilibrium": "no equilibrium",
     "undecided": "undecided",
@@ -43,29 +46,32 @@ UNVERIFIED_STATES = {  # of an equilibrium, also after a member removal: reason 
 def stage_kinds(f: h5py.File, envelope: Envelope) -> np.ndarray:
     """Return the kind of case (`results.file.Case`) of each stage in an envelope, or another kind.
 
-    Others are PERMANENT, ERECTION_KIND and "". A form counts as PERMANENT.
+    Others are PERMANENT, ERECTION_KIND, ACCIDENTAL_KIND and "". A form counts as PERMANENT.
     """
     kinds = {case.shown.place: case.kind for case in read_cases(f)} | {PERMANENT: PERMANENT}
     kinds |= {path: ERECTION_KIND for path in envelope.places if path.startswith("stages/")}
+    if removals.REMOVAL in f:
+        kinds |= dict.fromkeys((removals.REMOVAL, ""), ACCIDENTAL_KIND)  # and the motion
     first, *others = envelope.places
-    return np.array([kinds.get(first, PERMANENT), *(kinds.get(path, "") for path in others)], object)
+    return np.array([kinds.get(first or PERMANENT, PERMANENT), *(kinds.get(p, "") for p in others)], object)
 
 
 def counted(kinds: np.ndarray, kind: str) -> np.ndarray:
     """Select the stages (stages,) that count in checks of a kind; kinds : from `stage_kinds`.
 
     If the job has combinations of this kind, these and what counts as PERMANENT count.
-    Ultimate checks also include stages of erection and, since their loads are accidental, stages without a
-    kind, such as member removals and dynamics. If the job has no such combinations, all stages except
-    combinations of the other kind count, in service only the last of erection. Checks of ERECTION_KIND
+    Ultimate checks also include stages of erection, and stages without a kind or after member removals, since
+    their loads are accidental. If the job has no such combinations, all stages except combinations of the
+    other kind count, in service only the last of erection and none after removals. Checks of ERECTION_KIND
     include the stages of erection alone.
     """
     counts, (ultimate, service) = kinds == kind, COMBINATION_KINDS
     if not kind or not counts.any():
         counts = ~np.isin(kinds, COMBINATION_KINDS if kind else [])
         counts[np.flatnonzero(kinds == ERECTION_KIND)[: -1 if kind == service else 0]] = False
+        counts &= (kind != service) | (kinds != ACCIDENTAL_KIND)
     elif kind != ERECTION_KIND:
-        counts |= (kinds == PERMANENT) | np.isin(kinds, ["", ERECTION_KIND]) & (kind == ultimate)
+        counts |= (kinds == PERMANENT) | np.isin(kinds, OTHER_KINDS) & (kind == ultimate)
     return counts
 
 
