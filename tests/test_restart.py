@@ -281,16 +281,19 @@ def write_tools(folder, **tools):
 def test_a_slurm_script_is_resubmitted_only_after_its_time_limit(tmp_path, name, number, restart, again):
     """USR1 comes a minute before the limit, TERM from scancel. The run and sbatch are replaced.
 
-    A resumed run that is stopped without a newer checkpoint would be stopped there again.
+    A resumed run that is stopped without a newer checkpoint would be stopped there again: the log says why.
     """
     tools = write_tools(tmp_path, mpirun=STAND_IN, sbatch="#!/usr/bin/env bash\ntouch submitted\n")
     (tmp_path / f"{name}.checkpoint-1-000000000000.h5").touch()
     environment = ENVIRONMENT | {"PATH": f"{tools}:{os.environ['PATH']}", "SLURM_NTASKS": "1"}
     environment["NETFALL_RESTART"] = str(restart)
-    script = subprocess.Popen(["bash", ROOT / "jobs" / f"{name}.slurm"], cwd=tmp_path, env=environment)
+    line = ["bash", ROOT / "jobs" / f"{name}.slurm"]
+    script = subprocess.Popen(line, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True)
     wait_for((tmp_path / "started").exists)
     script.send_signal(number)
-    assert script.wait(30) == (0 if again else 4)
+    log = script.communicate(timeout=30)[1]
+    assert script.returncode == (0 if again else 4)
+    assert ("form finding and erection take longer than --time" in log) == (restart == 1)
     assert (tmp_path / "submitted").exists() == again
 
 

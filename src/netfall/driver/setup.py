@@ -95,7 +95,8 @@ def prepare_problem(
                 problem = solve_initial_state(problem, stop, cache)
     except StopRequested:
         path = restart or _empty_checkpoint(comm, job, result or Path(), digest)
-        raise interruption_error("in form finding or erection, which the resumed run repeats", path) from None
+        when = "in form finding or erection, which the resumed run repeats: give it more time than they take"
+        raise interruption_error(when, path) from None
     if problem.failure:
         return problem, checkpoint
     with phases.phase("state"):
