@@ -144,7 +144,10 @@ def test_a_removed_cable_leaves_half_of_its_air_damping_along_free_axes(workshop
 
 @pytest.mark.parametrize("zeta", [0.0, 0.8])
 def test_air_damping_acts_across_the_held_axis_of_a_moving_support(workshop, zeta):
-    """A plate at 45 degrees moves along x: z'' = -(b + zeta) z' - b x', b = kappa rho U A / 2M."""
+    """A plate at 45 degrees moves along x: z'' = -(b + zeta) z' - b x', b = kappa rho U A / 2M.
+
+    The air pushes the support with M b (x' + z') against x, and takes energy from the motion along x and z.
+    """
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,mass,area,normal_x,normal_y,normal_z\n1,0,0,0,1,1,1,0,0,0,0,1\n"
     nodes += "2,0,0,-9,1,1,0,100,8,1,0,1\n"
     text = BARE + STEADY + "pressure_coefficient = 0.0\naerodynamic_damping = 1.0\n"
@@ -158,3 +161,11 @@ def test_air_damping_acts_across_the_held_axis_of_a_moving_support(workshop, zet
     z = f["history/probe_displacement"][:, 0, 2]
     assert np.abs(z + 2.0 * b / (b + zeta) * (t - decayed)).max() < 1e-6 * 2.0
     assert audits(f)[0] < 1e-11
+    h, mass, s = f["history"], 100.0 + HALF_CABLE, b + zeta
+    A, B, decay = 2.0 * zeta / s, 2.0 * b / s, np.exp(-s * t)  # x' + z' = A + B decay
+    dissipated = A**2 * t + (2.0 * A * B * (1.0 - decay) + 0.5 * B**2 * (1.0 - decay**2)) / s
+    assert h["air_work"][:] == pytest.approx(mass * b * dissipated, rel=1e-3, abs=0.1)
+    assert h["support_work"][:] - h["support_work"][0] == pytest.approx(
+        2.0 * mass * b * (2.0 * t + z), rel=1e-3, abs=0.1
+    )
+    assert f["envelope/reaction_lowest"][1, 0] == pytest.approx(-2.0 * mass * b, rel=1e-3)

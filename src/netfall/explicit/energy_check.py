@@ -14,7 +14,7 @@ from netfall.core.kernels import call, copied_kernel, inner_kernel, kernel, part
 from netfall.core.records import Record, f8, f8_2, i8, i8_2, is_present, real, u1, whole
 from netfall.core.vectors import LANES, fma, load, load_mask, store_below, where, zeros
 from netfall.explicit.forces import Scratch
-from netfall.explicit.motion import damped_mass, force_along_guides, free_air, free_force, total_forces
+from netfall.explicit.motion import damped_mass, force_along_guides, free_force, total_forces
 from netfall.parallel.sums import add_exactly, add_term
 from netfall.physics.air import RelativeWind
 from netfall.physics.bending import Joints, add_bending_forces, joint_energy
@@ -150,7 +150,10 @@ def span_energies(
             new = where(free, next_v(old, total * per_mass, c_v, c_a), fixed)
             now, mean = fma(part, new - old, old), 0.5 * (old + new)
             path, v_sum = duration * (0.5 * (old + now)), old + now
-            damped = damped_mass(p, particles)
+            damped, f_held = damped_mass(p, particles), f_ext + f_int
+            if is_present(particles.air):
+                air_work = fma(load(particles.air, k, p), v_sum, air_work)
+                f_held = fma(-load(scratch.pull, 0, i), load(particles.air, k, p), f_held)
             external_sum, internal_sum = fma(path, f_ext, external), fma(path, f_int, internal)
             if ground:
                 v_ground = load(particles.ground, k, p)
@@ -159,7 +162,7 @@ def span_energies(
                 )
                 external, internal = external_sum, internal_sum
                 damping = where(free, fma(f_damp, path_rel, damping), damping)
-                fixed = fma(-path, f_ext + f_int, dE_kin) + support
+                fixed = fma(-path, f_held, dE_kin) + support
                 drawn = fma(-f_damp * duration, v_ground, support)
                 support = where(free, drawn, fixed)
             else:
@@ -167,8 +170,6 @@ def span_energies(
                 damping = where(free, fma(path, zeta * damped * mean, damping), damping)
             if is_present(observation.f_branches):
                 band_work = fma(v_sum, load(observation.f_branches, k, p), band_work)
-            if is_present(particles.air):
-                air_work = fma(free_air(k, p, particles), v_sum, air_work)
             kinetic = fma(0.5 * mass, now * now, kinetic)
             store_below(row, end, velocity, k, now)
         if not is_present(particles.work):

@@ -257,8 +257,10 @@ def update_velocities(
             square = fma(v_sum, v_sum, square)
             if band:
                 band_work = fma(v_sum, load(scratch.band, k, i), band_work)
+            f_held = f_ext + f_int
             if air:
-                air_work = fma(free_air(k, p, particles), v_sum, air_work)
+                air_work = fma(load(particles.air, k, p), v_sum, air_work)
+                f_held = fma(-load(scratch.pull, 0, i), load(particles.air, k, p), f_held)
             if ground and energy:
                 free = load_mask(particles.free, k, p)
                 path, v_ground = 0.5 * dt_v * v_sum, load(particles.ground, k, p)
@@ -270,7 +272,7 @@ def update_velocities(
                 store_below(p, high, work, 1, fma(path, f_int, load(work, 1, p)))
                 damping, support = load(work, 2, p), load(other, 2, p)
                 store_below(p, high, work, 2, where(free, fma(f_damp, path_rel, damping), damping))
-                fixed = fma(-path, f_ext + f_int, dE_kin) + support
+                fixed = fma(-path, f_held, dE_kin) + support
                 drawn = fma(-f_damp * dt_v, v_ground, support)
                 store_below(p, high, other, 2, where(free, drawn, fixed))
             store_below(p, high, v, k, new)

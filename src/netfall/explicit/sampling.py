@@ -200,6 +200,9 @@ def update_reaction_envelope(i: int, time: float, share: float, rows: Rows, scra
     p, observed, f, external = rows.supports[i], rows.observed, scratch.f, scratch.external
     particles = observed.particles
     total_forces(p, p + 1, 0, 0.0, 0.0, share, observed.traits, particles.x, particles, scratch)
+    if is_present(particles.air):
+        for k in range(3):
+            external[k, 0] -= scratch.pull[0] * particles.air[k, p]
     if rows.anchored[0, i] >= 0:
         update_anchor(i, rows, external)
     for k in range(3):
