@@ -766,6 +766,7 @@ WRONG_VARY = [  # below [vary]
     ('"wind.speed" = [3.0, -1.0]', "wind.speed = -1.0: JOB: [wind] speed = -1.0: expected"),
     ('"wind.speed" = []', "[vary] wind.speed = []: expected a list of values, or {from = 1, to = 50}"),
     ('"wind.speed" = [3, 4, 3]', "[vary] wind.speed = [3, 4, 3]: 3 is listed twice"),
+    ('"wind.direction" = [0, 90, 360]', "[vary] wind.direction = [0, 90, 360]: 0.0 is listed twice"),
     ('"wind.speed" = ["3 m/s", 3]', "[vary] wind.speed = [3.0, 3]: 3 is listed twice"),
     ('"wind.seed" = {from = 5, to = 1}', "expected {from = 1, to = 50}, whole numbers, both included"),
     ('"wind.seed" = {from = 1, to = 99999999}', "more than 10000000 values"),

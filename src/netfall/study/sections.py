@@ -201,7 +201,7 @@ def in_units_of_keys(section: str, values: dict[str, Any], check: Validator) -> 
 
 def read_axis(name: str, value: Any, check: Validator) -> Axis:
     """Return the axis of one key with its values."""
-    place = f"[vary] {name} = {format_value(value)}:"
+    place, given = f"[vary] {name} = {format_value(value)}:", value
     if name == "remove":
         return Axis(LOST, [])
     if isinstance(value, dict):
@@ -217,10 +217,12 @@ def read_axis(name: str, value: Any, check: Validator) -> Axis:
     if not isinstance(value, list) or not value:
         check.wrong(place, messages.NO_VALUES())
         return Axis(name, [0])
+    if name == "wind.direction" and all(isinstance(item, (int, float)) for item in value):
+        value = [item % 360.0 for item in value]
     repeated = next((item for k, item in enumerate(value) if item in value[:k]), None)
     if repeated is not None:
         check.wrong(place, messages.VALUE_TWICE(value=format_value(repeated)))
-    return Axis(name, value)
+    return Axis(name, given)
 
 
 def check_distributions(distributions: dict[str, Any], vary: dict[str, Any], check: Validator) -> None:
