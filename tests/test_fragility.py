@@ -414,7 +414,7 @@ def test_removals_and_random_keys_are_plotted_and_described(tmp_path):
     output = study_lines(tmp_path / "loss.study.h5")
     assert "60 different" in output and "no equilibrium after 1 (1005)" in output
     assert "samples of 1 of them are left out and may be worse (1012)" in output
-    assert "98.0% (removal of 1020)" in output and f"{factor[-1]:.3g} (removal of 1060)" in output
+    assert "98% (removal of 1020)" in output and f"{factor[-1]:.3g} (removal of 1060)" in output
     first = output.index(f"largest tension over tension before: {1.0 + factor[-1]:.3g} (removal of 1060)")
     assert first < output.index("largest dynamic factors, if the equilibrium changes by more than 10% of the")
     n = 200

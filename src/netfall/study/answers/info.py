@@ -147,8 +147,8 @@ def _broken(study: Study, say: Callable[..., Any]) -> None:
         why = ", as nothing can break" if is_elastic else ""
         say(f"fracture: none in the {ran.sum()} samples that finished{why}")
         return
-    first, lost = m["first_fracture"][broke], m["detached_area"][broke]
-    much = f" and {np.median(lost):.1%} of the roof detaches (median; at most {lost.max():.1%})"
+    first, lost = m["first_fracture"][broke], 100.0 * m["detached_area"][broke]
+    much = f" and {np.median(lost):.3g}% of the roof detaches (median; at most {lost.max():.3g}%)"
     much *= not np.isnan(lost).all()  # a net without a roof
     say(
         f"fracture: in {broke.sum()} of the {ran.sum()} samples that finished, first at "
@@ -350,7 +350,7 @@ def _removals(study: Study, say: Callable[..., Any]) -> None:
         breaking = removals.name[removals.breaking > 0]
         say(f"  after {len(breaking)} of them {OUTCOME_TEXT['breaks']}{_named(breaking)}")
     for title, values, text in (
-        ("largest detached part of the roof", removals.detached_area, "{:.1%}"),
+        ("largest detached part of the roof", 100.0 * removals.detached_area, "{:.3g}%"),
         ("largest tension over tension before", removals.tension_ratio, "{:.3g}"),
         (f"largest dynamic factors, {WHERE_SIGNIFICANT}", removals.dynamic_factor, "{:.3g}"),
     ):
