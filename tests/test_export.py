@@ -654,6 +654,20 @@ def test_tensions_of_a_given_geometry_are_those_of_the_law(tmp_path, strain, law
     assert any("not linear elastic" in line for line in lines) == (strain == "logarithmic")
 
 
+@pytest.mark.parametrize("case, length", [("cold", 1.98 * 0.999), ("both", 2 / (1 + 1.2 / 99) * 0.9995)])
+def test_lengths_of_a_case_have_its_temperature_and_prestress(tmp_path, case, length):
+    """10 K colder; then 1.2 times the strain 1/99 at 0.5 x 30 + 0.5 x (-10 - 30) = -5 K. All is elastic."""
+    factors = {"prestress": 1.2, "temperature": 0.5, "cold": 0.5}
+    job = GIVEN | {"load": {"temperature": 30.0}, "combination": [{"name": "both", "factors": factors}]}
+    job["case"] = [{"name": "cold", "set": {"load.temperature": -10.0}}]
+    run(job, tmp_path / "r.vtkhdf")
+    assert not any("W754" in line for line in written(tmp_path / "r.vtkhdf", tmp_path / "r.tcl", case=case))
+    written(tmp_path / "r.vtkhdf", tmp_path / "r.json", case=case)
+    edge = json.loads((tmp_path / "r.json").read_text())["data"]["edge"]["0"]["1"]
+    assert edge["unstressed_length_warm"] == pytest.approx(length, rel=1e-12)
+    assert edge["tension"] == pytest.approx(1e6 * (2.0 / length - 1.0), rel=1e-9)
+
+
 def test_the_lengths_in_the_tables_of_a_motion_explain_its_forces(tmp_path):
     """EA (L / L0 - 1), with L0 at the temperature of the loads, which is 30 K above that of the net."""
     run(GIVEN | {"load": {"temperature": 30.0}, "dynamics": {"duration": 0.05}}, tmp_path / "r.vtkhdf")

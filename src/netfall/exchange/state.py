@@ -1,14 +1,19 @@
 """State of a result for other programs: points, lines, unique ids, tensions."""
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.exchange import messages
+from netfall.job.derived import temperature_in
+from netfall.job.keys.entries import Combination, action_factor
+from netfall.job.validate import Validator
 from netfall.job.values import counted, suggest
-from netfall.results.file import Case, read_cases
+from netfall.physics.law.measures import heated_length, prestressed_length
+from netfall.results.file import Case, read_cases, read_job_tables
 from netfall.results.reader import Result
 from netfall.results.states import (
     FORM_GROUP,
@@ -20,6 +25,7 @@ from netfall.results.states import (
     start_name,
     start_position,
     start_tension,
+    strain_measure,
     support_angles,
 )
 
@@ -36,7 +42,8 @@ class ExportState:
     node_id : (p,) unique; points that split off have ids above those of the net
     ends : (m, 2) rows of points; element_id : (m,) unique; cable : (m,) ids of the tables
     group : (m,) names; tension : (m,) [N]; broken : (m,) bool
-    unstressed_length, unstressed_length_warm : (m,) [m] at the temperature of form finding, of the loads
+    unstressed_length : (m,) [m] at the temperature of form finding
+    unstressed_length_warm : (m,) [m] at that of the loads or of the case, and with its factor of prestress
     warnings : on the state, for the user
     """
 
@@ -81,12 +88,9 @@ class ExportState:
         return [f"{counted('element', ids)} out of the net by then: no {objects}"] if len(ids) else []
 
     def unstressed(self) -> dict[str, np.ndarray]:
-        """Return the unstressed lengths by name, also at the temperature of the loads if it differs.
-
-        A case may have a different temperature.
-        """
+        """Return the unstressed lengths by name, also those under the loads if they differ."""
         by_name = {"unstressed_length": self.unstressed_length}
-        if not self.case and (self.unstressed_length_warm != self.unstressed_length).any():
+        if (self.unstressed_length_warm != self.unstressed_length).any():
             by_name["unstressed_length_warm"] = self.unstressed_length_warm
         return by_name
 
@@ -128,10 +132,24 @@ def export_state(result: Result, time: float | None, case: str | None) -> Export
         group=result.elements["group"],
         tension=tension,
         unstressed_length=result.elements["unstressed_length"],
-        unstressed_length_warm=result.elements["unstressed_length_warm"],
+        unstressed_length_warm=_warm_lengths(result, case),
         broken=broken,
         warnings=no_equilibrium_warnings(result.file, *places),
     )
+
+
+def _warm_lengths(result: Result, case: str | None) -> np.ndarray:
+    """Return the unstressed lengths (m,) [m] under the loads, or in a case or combination."""
+    f, elements = result.file, result.elements
+    if case is None:
+        return elements["unstressed_length_warm"]
+    job: Any = SimpleNamespace(**Validator("", []).sections(read_job_tables(f)))
+    action = next(one for one in (*job.cases, *job.combinations) if one.name == case)
+    factor = action_factor(action, "prestress") if isinstance(action, Combination) else 1.0
+    x, tension = form_of(result)
+    L, EA, strain = lengths(x, f["net/elements"][:]), elements["axial_stiffness"], strain_measure(f)
+    L0 = prestressed_length(elements["unstressed_length"], L, tension, EA, factor, strain)
+    return heated_length(L0, f["net/expansion"][:], temperature_in(job, action))
 
 
 def guided_at_an_angle(result: Result, fixed: np.ndarray) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Properties that follow from the keys of a job: its stages, its loads, and whether anything can break."""
 
 from netfall.job.job import Job
-from netfall.job.keys.entries import has_static_wind, static_wind
+from netfall.job.keys.entries import Case, Combination, action_factor, has_static_wind, static_wind
 from netfall.job.keys.models import Dynamics, Load, Wind
 
 
@@ -171,6 +171,18 @@ def breaks_equilibrium(job: Job, kind: str, factor: float) -> bool:
     """
     starts = kind in ("at once", "initial_state") or (kind == "step" and factor == 1.0)
     return kind != "removal" and (load_settings(job).stop_at_strength or bool(starts and job.dynamics))
+
+
+def temperature_in(job: Job, action: Case | Combination) -> float:
+    """Return the change of temperature [K] in a case or combination."""
+    base = load_settings(job).temperature
+    own = {case.name: float(case.set.get("load.temperature", base)) for case in job.cases}
+    if isinstance(action, Case):
+        return own[action.name]
+    temperature = action_factor(action, "temperature") * base
+    for name, value in own.items():
+        temperature += action_factor(action, name) * (value - base)
+    return temperature
 
 
 def load_settings(job: Job) -> Load:

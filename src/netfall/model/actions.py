@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.core.functions import lengths
-from netfall.job.derived import load_settings
+from netfall.job.derived import load_settings, temperature_in
 from netfall.job.job import Job
 from netfall.job.keys.entries import Case, Combination, action_factor, apply_settings
 from netfall.job.keys.models import Load
@@ -20,7 +20,7 @@ from netfall.loads.loads import dead_load, drag_areas, live_load, wind_force_are
 from netfall.loads.wind.field import mean_wind_square
 from netfall.loads.wind.measured import point_weights
 from netfall.model.model import Model
-from netfall.physics.law.measures import heated_length, unstressed_length
+from netfall.physics.law.measures import heated_length, prestressed_length
 
 ALL_LOADS = "all loads"
 
@@ -83,7 +83,7 @@ def case_actions(job: Job, case: Case, model: Model) -> Actions:
     inputs = model.layout.cases[case.name]
     L0, spring_rest = None, _settled_spring_rest(model, model.spring_rest, inputs.settlement)
     if _sets_key(case, "temperature"):
-        L0 = heated_length(model.cut_length, model.net.expansion, changed.temperature)
+        L0 = heated_length(model.cut_length, model.net.expansion, temperature_in(job, case))
     return Actions(force if pressure is None else force + pressure, L0, spring_rest, inputs.settlement)
 
 
@@ -92,7 +92,7 @@ def combination_actions(job: Job, combination: Combination, model: Model) -> Act
     load, net, factor = load_settings(job), model.net, partial(action_factor, combination)
     live = live_load(load, model.roof, model.forces_of(model.layout.loads))
     force = factor("permanent") * model.loading.permanent + factor("load") * live
-    temperature, settlement = factor("temperature") * load.temperature, None
+    settlement = None
     for case in job.cases:
         share, inputs = factor(case.name), model.layout.cases[case.name]
         if share:  # values of the case less those of [load]
@@ -102,12 +102,14 @@ def combination_actions(job: Job, combination: Combination, model: Model) -> Act
             difference += dead_load(changed, model.roof) - dead_load(load, model.roof)
             pressure = _case_pressure_forces(model, case, changed)
             force += share * (difference if pressure is None else difference + pressure)
-            temperature += share * (case.set.get("load.temperature", load.temperature) - load.temperature)
             if inputs.settlement is not None:
                 settlement = share * inputs.settlement + (0.0 if settlement is None else settlement)
-    L0, spring_rest = _scale_prestress(model, factor("prestress"), job.cable.strain_measure)
-    spring_rest_settled = _settled_spring_rest(model, spring_rest, settlement)
-    return Actions(force, heated_length(L0, net.expansion, temperature), spring_rest_settled, settlement)
+    prestress, L = factor("prestress"), lengths(np.diff(model.x[net.elements], axis=1)[:, 0])
+    L0 = prestressed_length(model.cut_length, L, model.N, net.EA, prestress, job.cable.strain_measure)
+    spring_rest = model.spring_rest if prestress == 1.0 else prestress * model.spring_rest
+    spring_rest = _settled_spring_rest(model, spring_rest, settlement)
+    L0 = heated_length(L0, net.expansion, temperature_in(job, combination))
+    return Actions(force, L0, spring_rest, settlement)
 
 
 def _sets_key(case: Case, key: str) -> bool:
@@ -153,17 +155,3 @@ def _settled_spring_rest(
     if settlement is None:
         return spring_rest
     return spring_rest + np.where(model.net.spring > 0.0, settlement, 0.0)
-
-
-def _scale_prestress(model: Model, factor: float, strain: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return unstressed lengths (m,) [m] and spring_rest (n, 3) [m] at a factor of the prestress.
-
-    At its form-found length, each element has the factor times its force. An element without force keeps its
-    length.
-    """
-    if factor == 1.0:
-        return model.cut_length, model.spring_rest
-    net, x = model.net, model.x
-    L = lengths(x[net.elements[:, 1]] - x[net.elements[:, 0]])
-    L0 = unstressed_length(L, factor * model.N, net.EA, strain)
-    return np.where(model.N == 0.0, model.cut_length, L0), factor * model.spring_rest

@@ -133,9 +133,9 @@ def _equilibrium(result: Result, state: ExportState) -> tuple[StateView, np.ndar
         place = next((name for name in ("initial_state", "statics") if name in result.file), "")
     if not place:
         view = StateView(state.name, lambda: state.tension, lambda: state.position)
-        return view, result.elements["unstressed_length"]
+        return view, state.unstressed_length
     state.warnings.extend(no_equilibrium_warnings(result.file, place))
-    return [*group_equilibria(result.file, place)][-1], result.elements["unstressed_length_warm"]
+    return [*group_equilibria(result.file, place)][-1], state.unstressed_length_warm
 
 
 def _nodes(state: ExportState, settlement: np.ndarray) -> str:

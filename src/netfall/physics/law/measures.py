@@ -66,6 +66,18 @@ def heated_length(L0: np.ndarray, expansion: np.ndarray, temperature: float) -> 
     return L0 * (1.0 + expansion * temperature)
 
 
+def prestressed_length(
+    L0: np.ndarray, L: np.ndarray, N: np.ndarray, EA: np.ndarray, factor: float, strain: str
+) -> np.ndarray:
+    """Return the unstressed length (m,) [m] of elements that carry factor N (m,) [N] at length L (m,) [m].
+
+    L0 : (m,) [m] at the factor 1, and of elements without force at any factor
+    """
+    if factor == 1.0:
+        return L0
+    return np.where(N == 0.0, L0, unstressed_length(L, factor * N, EA, strain))
+
+
 def elastic_stiffness(EA: np.ndarray, L0: np.ndarray, L: np.ndarray, strain: str) -> np.ndarray:
     """Return dN/dL (m,) [N/m] at lengths L (m,) [m] of elements that are taut and do not yield."""
     return EA / MEASURES[strain].over(L, L0)
