@@ -597,18 +597,19 @@ def test_bars_are_made_to_their_length_without_load(workshop):
     assert (piece["cut_length"], piece["measuring_load"]) == ("10025.1", "0")
 
 
-def test_cables_of_one_length_are_equal_only_with_equal_force_and_section(workshop):
-    """20 m under 200, 40 and 40 kN in 400 mm2, and under 40 kN in 200 mm2: L0 = 20 m / (1 + N / EA)."""
-    nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{k % 2 * 20},{k // 2},0,1\n" for k in range(8))
-    elements = "id,start,end,area,prestress\n" + "".join(
-        f"{k},{2 * k},{2 * k + 1},{area},{N}\n"
-        for k, (area, N) in enumerate([(4e-4, 200e3), (4e-4, 40e3), (4e-4, 40e3), (2e-4, 40e3)])
+def test_cables_of_one_length_are_equal_only_with_equal_force_section_and_expansion(workshop):
+    """20 m under 200, 40, 40 and 40 kN in 400 mm2, and under 40 kN in 200 mm2: L0 = 20 m / (1 + N / EA)."""
+    nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{k % 2 * 20},{k // 2},0,1\n" for k in range(10))
+    kinds = [(4e-4, 200e3, 12e-6), *[(4e-4, 40e3, 12e-6)] * 2, (4e-4, 40e3, 16e-6), (2e-4, 40e3, 12e-6)]
+    elements = "id,start,end,area,prestress,expansion\n" + "".join(
+        f"{k},{2 * k},{2 * k + 1},{area},{N},{expansion}\n" for k, (area, N, expansion) in enumerate(kinds)
     )
     text = "[cable]\nmodulus = 160e9\ndensity = 8000\n" + STEP
     rows = solved(workshop, text, nodes, elements).rows("shop_list")
-    assert [row["cables"] for row in rows] == ["e0", "e1; e2", "e3"]
+    assert [row["cables"] for row in rows] == ["e0", "e1; e2", "e3", "e4"]
     assert {row["cut_length"] for row in rows} == {"20000"}
-    masses = [20 / (1 + N / EA) * EA * 8000 / 160e9 for N, EA in ((2e5, 64e6), (4e4, 64e6), (4e4, 32e6))]
+    forces = (2e5, 64e6), (4e4, 64e6), (4e4, 64e6), (4e4, 32e6)
+    masses = [20 / (1 + N / EA) * EA * 8000 / 160e9 for N, EA in forces]
     assert column(rows, "mass") == pytest.approx(masses, abs=0.005)
 
 

@@ -66,7 +66,7 @@ class Piece(NamedTuple):
 
     system : from node to node; pins : from pin to pin; cut : of the rope; marks : (k,) on it, from its start
     unstressed, unstressed_marks : length of the rope, and marks (k,) on it, without load [m]
-    segments : (k, 2) EA [N] and mass per length [kg/m] along it
+    segments : (k, 3) EA [N], mass per length [kg/m] and expansion [1/K] along it
     """
 
     cable: int
@@ -162,7 +162,9 @@ def shop_cables(f: h5py.File, cutting: Cutting, deductions: list[Deduction]) -> 
     load, warm, measured = measured_lengths(f, cutting)
     distance[absent(f)] = L0[absent(f)]  # their nodes are elsewhere
     lengths = np.column_stack([distance, L0, measured])
-    section = np.column_stack([f["net/axial_stiffness"][:], f["net/mass_per_length"][:]])
+    section = np.column_stack(
+        [f[f"net/{key}"][:] for key in ("axial_stiffness", "mass_per_length", "expansion")]
+    )
     ids, groups, types = f["net/element_id"][:], element_groups(f), element_types(f)
     group_names, type_names = joined_words(groups, cable), joined_words(types, cable)
     order = np.lexsort((ids, cable))
