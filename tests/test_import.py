@@ -586,6 +586,15 @@ def test_springs_and_posts_come_from_layers(tmp_path):
         assert "expected LAYER=K or LAYER=KX,KY,KZ" in done.stderr
 
 
+def test_springs_replace_the_axes_of_a_file_that_they_hold(tmp_path):
+    """A node of a file that is held along y and z has a spring along y, and keeps its support along z."""
+    graph = compas_graph(flag="[false, true, true]", edges='{"1": {"group": "a"}}')
+    (tmp_path / "a.json").write_text(graph.replace('"is_anchor": true', '"is_anchor": [1, 0, 1]'))
+    reading = read_net(tmp_path / "a.json", ImportOptions(springs=("a", (0.0, 1e6, 0.0))))
+    assert reading.fixed.tolist() == [[True, False, True], [False, False, True]]
+    assert reading.spring.tolist() == [[0.0, 1e6, 0.0]] * 2
+
+
 def facade(s):
     """Draw three chains of vertical cables between supports and horizontal ones; return the supports."""
     for i in range(5):
@@ -817,6 +826,12 @@ REFUSED = [  # a file, its text and the error
     ("a.json", compas_graph(x='"far"'), "node 1: expected three coordinates, not ['far', 0.0, 0.0"),
     ("a.json", compas_graph(x="1e300"), "a coordinate is not a number, or larger than 1e+12"),
     ("a.json", compas_graph(flag='"false"'), "node 1, is_anchor: expected a number, true or false, not"),
+    ("a.json", compas_graph(flag="[]"), "node 1, is_anchor: expected one flag or three (x, y, z), not []"),
+    (
+        "a.json",
+        compas_graph(flag="[1, 1, 1, 0]"),
+        "node 1, is_anchor: expected one flag or three (x, y, z), not [1, 1",
+    ),
     ("a.json", compas_graph(edges='{"9": {}}'), "edge 0-9: there is no node 9"),
     ("a.json", compas_graph(edges="[1]"), "edge 0: expected a JSON object, not [1]"),
     ("a.json", compas_graph(edges='{"1": [7]}'), "edge 0-1: expected a JSON object, not [7]"),

@@ -180,7 +180,11 @@ def _supports(data: dict[str, Any]) -> list[tuple[list[float], list[bool]]]:
         held = [False] * 3
         for name in SUPPORTS:
             flag = values.get(name)
-            axes = flag if isinstance(flag, list) and len(flag) == 3 else [flag or False] * 3
+            axes = flag if isinstance(flag, list) else [flag] * 3
+            if len(axes) != 3:
+                raise ValueError(
+                    f"node {key}, {name}: expected one flag or three (x, y, z), not {flag!r:.60}"
+                )
             held = [a or bool(_number(axis, f"node {key}, {name}")) for a, axis in zip(held, axes)]
         if any(held):
             supports.append((values["point"], held))

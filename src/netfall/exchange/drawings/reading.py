@@ -292,7 +292,8 @@ def _supports(reading: NetImport) -> np.ndarray:
         axes = drawing.held_axes if option is None else np.ones((len(marks), 3), bool)
         _mark_supports(reading, marks, axes, fixed)
     if reading.spring is not None:
-        fixed[reading.spring.any(1)] = False
+        sprung, from_file = reading.spring > 0.0, option is None and len(drawing.held) > 0
+        fixed &= ~(sprung if from_file else sprung.any(1, keepdims=True))  # a file may hold other axes
     count, in_part = int(fixed.any(1).sum()), int((fixed.any(1) & ~fixed.all(1)).sum())
     source += f"; {in_part} along some axes only" * (in_part > 0)
     reading.lines.append(f"supports: {count} of {len(fixed)} nodes are held ({source}){advice}")
@@ -314,7 +315,7 @@ def _mark_supports(reading: NetImport, marks: np.ndarray, axes: np.ndarray, held
 
 
 def _set_springs(reading: NetImport) -> None:
-    """Set elastic supports at the points and lines of their layer; these nodes have no other support."""
+    """Set elastic supports at the points and lines of their layer; they replace other supports there."""
     if reading.options.springs is None:
         return
     drawing, net, (layer, stiffness) = reading.drawing, reading.net, reading.options.springs
