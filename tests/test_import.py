@@ -660,17 +660,18 @@ def test_compas_files_of_both_versions_are_imported(tmp_path):
 def test_the_first_job_finds_the_form_of_force_densities(tmp_path):
     """q of 2 and 4 kN/m at a node between two supports: it lies at two thirds, and if it is there, it stays
     with q times length as prestress. Without q at a third edge, as without any, the placeholder stays.
-    Elements of negative q are bars, upright or not, and the cables of their group stay cables.
+    Form finding preloads springs at all nodes. Elements of negative q are bars, upright or not, and the
+    cables of their group stay cables.
     """
     nodes = {
         key: {"x": x, "y": 0.0, "z": 0.0, "is_anchor": x != 2.0} for key, x in zip("012", (0.0, 2.0, 6.0))
     }
     edges = {"0": {"1": {"q": 2e3}}, "1": {"2": {"q": 4e3}}}
 
-    def first(name, edges):
+    def first(name, edges, **options):
         """Import a graph of the nodes; return its first job, its net, and the report."""
         (tmp_path / "a.json").write_text(json.dumps({"node": nodes, "edge": edges}))
-        return imported(tmp_path / "a.json", name)
+        return imported(tmp_path / "a.json", name, **options)
 
     first("a", edges)
     with netfall.run(tmp_path / "a" / "a.toml") as result:
@@ -679,6 +680,9 @@ def test_the_first_job_finds_the_form_of_force_densities(tmp_path):
     nodes["1"]["x"] = 4.0
     job, net, _ = first("found", edges)
     assert job.form_finding is None and net.prestress == pytest.approx([8e3, 8e3], rel=1e-12)
+    first("sprung", edges, springs=("cables", (1e6, 1e6, 1e6)))
+    with netfall.run(tmp_path / "sprung" / "sprung.toml", {"load.self_weight": False}) as result:
+        assert result.statics["tension"][-1] == pytest.approx([8e3, 8e3], rel=1e-9)
     struts = {"0": {"1": {"q": -2e3, "group": "strut"}}, "1": {"2": {"q": -4e3, "group": "strut"}}}
     _, net, lines = first("pushed", struts)
     assert net.bar.all() and net.prestress == pytest.approx([-8e3, -8e3], rel=1e-12)

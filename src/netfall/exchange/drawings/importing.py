@@ -122,7 +122,7 @@ def _write(reading: NetImport, folder: Path, target: Path) -> list[str]:
     taut = {group[e] for e in np.flatnonzero(q > 0.0).tolist()}
     for e in np.flatnonzero(q < 0.0).tolist():  # no cable of the group becomes a bar with them
         group[e] += "_struts" if group[e] in taut else ""
-    balanced = len(q) > 0 and is_balanced(x, net.ends, q, reading.held_axes)
+    balanced = len(q) > 0 and is_balanced(x, net.ends, q, fixed)  # only form finding preloads springs
     if len(q):
         elements |= {"prestress": q * length} if balanced else {"force_density": q}
     if reading.spring is not None:
@@ -208,13 +208,13 @@ def _group_lines(group: list[str], length: np.ndarray) -> list[str]:
     return lines
 
 
-def is_balanced(x: np.ndarray, ends: np.ndarray, q: np.ndarray, held: np.ndarray) -> bool:
-    """Return whether force densities q (m,) [N/m] are in equilibrium along axes that are not held (n, 3)."""
+def is_balanced(x: np.ndarray, ends: np.ndarray, q: np.ndarray, fixed: np.ndarray) -> bool:
+    """Return whether force densities q (m,) [N/m] are in equilibrium along axes that are not fixed (n, 3)."""
     force = q[:, None] * np.diff(x[ends], axis=1)[:, 0]
     residual = np.zeros_like(x)
     np.add.at(residual, ends[:, 0], force)
     np.add.at(residual, ends[:, 1], -force)
-    return bool(np.abs(residual[~held]).max(initial=0.0) < MAX_IMBALANCE * np.abs(force).max())
+    return bool(np.abs(residual[~fixed]).max(initial=0.0) < MAX_IMBALANCE * np.abs(force).max())
 
 
 def first_job(

@@ -71,12 +71,7 @@ class NetImport:
     @property
     def held(self) -> np.ndarray:
         """Nodes (n,) bool with a support, elastic or not."""
-        return np.asarray(self.held_axes.any(1))
-
-    @property
-    def held_axes(self) -> np.ndarray:
-        """Axes (n, 3) bool along which nodes have a support, elastic or not."""
-        return self.fixed if self.spring is None else self.fixed | (self.spring > 0.0)
+        return np.asarray((self.fixed if self.spring is None else self.fixed | (self.spring > 0.0)).any(1))
 
     def place(self, x: np.ndarray) -> str:
         """Format a point in metres, and in the unit of the drawing."""
