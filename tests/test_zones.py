@@ -185,6 +185,16 @@ def test_invalid_shares_are_refused(workshop, zone, share):
     assert f"line 2: zone_share = '{share}' of zone = '{zone}': expected a share above 0 for each" in line
 
 
+@pytest.mark.parametrize("name, share", [("a/b", ""), ("..", ""), ("..", "0.5")])
+@pytest.mark.parametrize("column", [", zone_share", ""])
+def test_a_name_of_a_zone_that_no_entry_could_have_is_refused(workshop, name, share, column):
+    """As in [[zone]]; only shares divide a node between several zones."""
+    nodes = f"id, x, y, z, fixed, zone{column}\n0, 0, 0, 0, 1, {name}" + f", {share}" * bool(column)
+    nodes += "\n1, 1, 0, 0, 1, east" + ", " * bool(column)
+    (line,) = error_lines(build_net, read_job(workshop.job(STEEL, nodes + "\n", "start, end\n0, 1\n")))
+    assert f"nodes.csv: line 2: zone = '{name}': expected a name without /, other than . and .." in line
+
+
 def test_shares_and_cuts_exclude_each_other(workshop):
     """A polygon could not cut given shares."""
     job = read_job(workshop.job(STEEL + cut("half", 0, -1, 1.5, 1), SHARED, CHAIN))

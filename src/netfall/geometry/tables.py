@@ -147,13 +147,17 @@ def _zone_column(nodes: Table) -> dict[str, Any]:
     if "zone" not in nodes and "zone_share" not in nodes:
         return {}
     words = nodes.words("zone")
-    if "zone_share" not in nodes:
-        all_names, row = np.unique(["", *words], return_inverse=True)
-        return {"zone": row[1:] - 1, "zone_names": [str(name) for name in all_names[1:]]}
     cells = [
         (word.split(ZONE_SEPARATOR), _shares_in(nodes, row, share, word)) if share else ([word], [1.0])
         for row, (word, share) in enumerate(zip(words, nodes.words("zone_share")))
     ]
+    for row, (zones, _) in enumerate(cells):
+        if wrong := [name for name in zones if name in (".", "..") or ZONE_SEPARATOR in name]:
+            place, expected = nodes.at(row), f"a name without {ZONE_SEPARATOR}, other than . and .."
+            nodes.wrong(job_messages.INVALID_CELL(row=place, name="zone", cell=wrong[0], expected=expected))
+    if "zone_share" not in nodes:
+        all_names, row_of_name = np.unique(["", *words], return_inverse=True)
+        return {"zone": row_of_name[1:] - 1, "zone_names": [str(name) for name in all_names[1:]]}
     names = sorted({name for zones, _ in cells for name in zones} - {""})
     share = np.zeros((len(nodes), len(names)))
     for row, (zones, values) in enumerate(cells):
