@@ -689,6 +689,9 @@ def test_the_first_job_finds_the_form_of_force_densities(tmp_path):
     assert '"strut": the file has negative force densities in it, imported as kind' in "\n".join(lines)
     _, net, _ = first("mixed", {"0": {"1": {"q": 2e3}}, "1": {"2": {"q": -4e3}}})
     assert net.bar.tolist() == [False, True] and net.group_names == ["cables", "cables_struts"]
+    taken = {"0": {"1": {"q": 2e3}, "2": {"q": 1e3, "group": "cables_struts"}}, "1": {"2": {"q": -4e3}}}
+    _, net, _ = first("taken", taken)
+    assert net.bar.tolist() == [False, False, True]
     edges["0"]["2"] = {}
     for q, method in ((2e3, True), (None, False)):
         edges["0"]["1"]["q"] = edges["1"]["2"]["q"] = q

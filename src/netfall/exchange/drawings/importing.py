@@ -121,7 +121,8 @@ def _write(reading: NetImport, folder: Path, target: Path) -> list[str]:
         q = drawing.force_density[net.line] * np.where(is_part, drawn[net.line] / length, 1.0)
     taut = {group[e] for e in np.flatnonzero(q > 0.0).tolist()}
     for e in np.flatnonzero(q < 0.0).tolist():  # no cable of the group becomes a bar with them
-        group[e] += "_struts" if group[e] in taut else ""
+        while group[e] in taut:
+            group[e] += "_struts"
     balanced = len(q) > 0 and is_balanced(x, net.ends, q, fixed)  # only form finding preloads springs
     if len(q):
         elements |= {"prestress": q * length} if balanced else {"force_density": q}
