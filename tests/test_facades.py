@@ -383,12 +383,17 @@ def test_an_exported_facade_gives_the_same_displacements(workshop):
     assert np.abs(u - other).max() < 1e-6 * u[:, 1].max() and u[:, 1].max() > 0.0
 
 
-def test_a_folded_roof_with_zones_is_exported_without_a_job(workshop):
-    """Its faces have zones of their own, and its nodes have shares, so that other loads would act."""
+@pytest.mark.parametrize("form", ["", "[form_finding]\nmethod = 'force_density'\n"])
+def test_a_folded_roof_with_zones_is_exported_with_a_job_unless_it_moved(workshop, form):
+    """Its faces have zones of their own in the geometry as given, which nodes of the form do not store."""
     x, edge, elements = folded()
     group = np.where((x[elements][:, :, 1] == 0.0).all(1), "facade", "canopy").tolist()
     zones = "".join(f"[[zone]]\nname = '{name}'\ngroups = ['{name}']\n" for name in ("canopy", "facade"))
-    text = CABLES + LOAD + zones + "[roof]\nnormal = [0, -1, 1]\n"
-    workshop.solve(text, *tables(x, edge, elements, group))
+    text = CABLES + LOAD + "[load.zone.canopy]\npressure = 1000.0\n" + zones + "[roof]\nnormal = [0, -1, 1]\n"
+    first = workshop.solve(form + text, *tables(x, edge, elements, group))
+    if not form:
+        again, _ = workshop.run_exported()
+        assert np.array_equal(first["statics/displacement"][:], again["statics/displacement"][:])
+        return
     lines = workshop.export()
-    assert any("job.toml: not written: faces of a roof with [roof] normal" in line for line in lines)
+    assert any("job.toml: not written: faces at a node have zones" in line for line in lines)

@@ -52,7 +52,7 @@ def write_rerun_job(
     if faces:
         normal = job.get("roof", {}).get("normal")
         job["roof"] = {"faces": "faces.csv"} | ({"normal": normal} if normal else {})
-    if "zone" in job:  # nodes.csv contains the zones; a polygon may contain other nodes in the form
+    if "zone" in job and not keeps_zones(result, state):  # in the form polygons may contain other nodes
         job["zone"] = [{"name": entry["name"]} for entry in job["zone"]]
     has_probes = hasattr(result, "history") and "probe_particle" in result.history
     if has_probes and "probes" in job.get("output", {}):  # in the form another node may be nearest
@@ -66,9 +66,33 @@ def write_rerun_job(
     return [f"{folder / 'job.toml'}: a job of this net, without form finding", *lines]
 
 
+def keeps_zones(result: Result, state: ExportState) -> bool:
+    """Return whether the exported job has the zones of the run in place of a column of the nodes."""
+    job = read_job_tables(result.file)
+    return _entries_give_zones(result, state, job) and not _obstacle(result, state, job)
+
+
+def _has_zones_of_faces(result: Result, job: dict[str, Any]) -> bool:
+    """Return whether faces at one node have zones of their own, which no column of the nodes can store."""
+    net = result.file["net"]
+    if "normal" in job.get("roof", {}):
+        return bool((net["zone"][:] >= 0).any() or "zone_share" in net)
+    cuts = any("polygon" in zone and zone.get("cut", True) for zone in job.get("zone", []))
+    return "zone_share" in net and cuts
+
+
+def _entries_give_zones(result: Result, state: ExportState, job: dict[str, Any]) -> bool:
+    """Return whether [[zone]] gives faces the zones that they had in the run, as no node has moved."""
+    entries, net = job.get("zone", []), result.file["net"]
+    is_complete = sum("polygon" in entry or "groups" in entry for entry in entries) == len(net["zone_names"])
+    has_moved = not np.array_equal(state.position, net["particles"])
+    return is_complete and not has_moved and _has_zones_of_faces(result, job)
+
+
 def _obstacle(result: Result, state: ExportState, job: dict[str, Any]) -> str:
     """Return the reason why the job of the run would not compute the same with the tables; "": it would."""
     net = result.file["net"]
+    by_entries = _entries_give_zones(result, state, job)
     used = set(net["zone_names"].asstr()[:][np.unique(net["zone"][:][net["zone"][:] >= 0])])
     if "zone_share" in net:
         used |= set(net["zone_names"].asstr()[:][net["zone_share"][:].any(0)])
@@ -79,11 +103,9 @@ def _obstacle(result: Result, state: ExportState, job: dict[str, Any]) -> str:
         "cables slip": "slide" in job,
         "a study removed a member": hasattr(result, "removal")
         and len(result.removal["time"]) > len(job.get("remove", [])),
-        "faces of a roof with [roof] normal have zones of their own": bool(used)
-        and "normal" in job.get("roof", {}),
-        "polygons of zones cut faces": "zone_share" in net
-        and any("polygon" in zone and zone.get("cut", True) for zone in job.get("zone", [])),
-        "a zone has no nodes": any(entry["name"] not in used for entry in job.get("zone", [])),
+        "faces at a node have zones of their own": _has_zones_of_faces(result, job) and not by_entries,
+        "a zone has no nodes": any(entry["name"] not in used for entry in job.get("zone", []))
+        and not by_entries,
     }
     return next((reason for reason, holds in reasons.items() if holds), "")
 

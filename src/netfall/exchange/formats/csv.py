@@ -10,7 +10,7 @@ from netfall.core.errors import InputError
 from netfall.core.functions import to_rotated_axes
 from netfall.core.messages import count_of
 from netfall.exchange import messages
-from netfall.exchange.job_again import write_rerun_job
+from netfall.exchange.job_again import keeps_zones, write_rerun_job
 from netfall.exchange.state import MARK, NET_RECORD, ExportState
 from netfall.geometry.cables import meeting_pairs
 from netfall.job.csv_table import AXES, ZONE_SEPARATOR, write_table
@@ -89,7 +89,7 @@ def _in_motion(state: ExportState) -> dict[str, dict[str, Any]]:
 
 def _net_tables(result: Result, state: ExportState) -> dict[str, dict[str, Any]]:
     """Return the tables of the form-found net, without nodes of removed elements."""
-    present, nodes = ~state.out(), _places(state) | _node_columns(result)
+    present, nodes = ~state.out(), _places(state) | _node_columns(result, state)
     elements, faces = _ends(state) | _element_columns(result, state), _faces(result, state)
     used = state.connected()
     tables = {
@@ -117,7 +117,7 @@ def _recorded(result: Result, name: str, rows: int) -> np.ndarray:
     return np.broadcast_to(values, (rows, *values.shape[1:])) if len(values) == 1 else values
 
 
-def _node_columns(result: Result) -> dict[str, np.ndarray]:
+def _node_columns(result: Result, state: ExportState) -> dict[str, np.ndarray]:
     """Return loads, masses, areas, normals, springs and zones of the nodes, if the net has them."""
     net, n = result.file["net"], len(result.nodes["id"])
     angle = support_angles(result.file)
@@ -136,7 +136,7 @@ def _node_columns(result: Result) -> dict[str, np.ndarray]:
             columns |= {f"{name}_{k}": values[:, i] for i, k in enumerate(AXES)}
     if angle is not None:
         columns["angle"] = angle
-    if (net["zone"][:] >= 0).any():
+    if (net["zone"][:] >= 0).any() and not keeps_zones(result, state):
         columns |= _zone_columns(result)
     return columns
 
