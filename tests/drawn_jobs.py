@@ -376,7 +376,7 @@ def draw_motion(draw, net: DrawnNet, scene: dict, nodes: dict, rng, duration: fl
     first = {"nodes": ids[:1], "displacement": "move.csv"}
     a = np.append(0.0, rng.uniform(-1.0, 1.0, 5)) * size / duration**2 * 4
     if chance(draw):
-        text = "made\nby hand\nin g\nNPTS= 6, DT= " + number(0.2 * duration) + " SEC\n"
+        text = "made\nby hand\nIN UNITS OF G\nNPTS= 6, DT= " + number(0.2 * duration) + " SEC\n"
         tables["quake.AT2"] = text + " ".join(number(value / 9.81) for value in a) + "\n"
         second = {"acceleration": "quake.AT2", "baseline": chance(draw)}
     else:
