@@ -17,13 +17,11 @@ EXAMPLES = ("saddle", "dome", "wheel", "facade", "edge-cables")
 
 
 @command(
-    option(
-        "job", "JOB", "file to write (default: job.toml, or the name of the example)", take.file, nargs="?"
-    ),
-    option("--example", None, "a short job that runs as it is", choices=EXAMPLES),
+    option("job", "JOB", "file to write (default: the name of the example)", take.file, nargs="?"),
+    option("--example", None, "which short job (default: saddle)", choices=EXAMPLES),
 )
 def init(job: Path | None, example: str | None) -> None:
-    """Write a new job with every key, and the schema that lets editors complete keys.
+    """Write a short job that runs as it is, and the schema that lets editors complete keys.
 
     examples:
       netfall init roof.toml
@@ -33,7 +31,8 @@ def init(job: Path | None, example: str | None) -> None:
     from netfall.job.toml_text import SCHEMA_FILE, example_tables, new_job
     from netfall.results.locks import whole
 
-    path = job or Path(f"{example or 'job'}.toml")
+    example = example or EXAMPLES[0]
+    path = job or Path(f"{example}.toml")
     texts = {path: new_job(path, example), path.parent / SCHEMA_FILE: schema_text()}
     texts |= example_tables(path.parent, example)
     for target, text in texts.items():
