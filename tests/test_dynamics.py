@@ -6,28 +6,12 @@ import h5py
 import numpy as np
 import pytest
 from conftest import BARE, STEEL
-from nets import table
 
 from netfall.core.errors import DivergedError
 from netfall.model.schedule import make_schedule
 
 EA = 1.95e11 * 683.08e-6  # N
 SMALL = '[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 4\n' + STEEL
-
-
-@pytest.mark.parametrize("n", [2, 40, 700])
-def test_sharp_limit_of_a_chain(workshop, n):
-    """1 / (sqrt(k / m) cos(pi / 2n)) between supports, from below, to 1e-4; the same bits on two ranks."""
-    nodes = table("id,x,y,z,fixed", ((k, k, 0, 0, int(k in (0, n))) for k in range(n + 1)))
-    elements = table("start,end", ((k, k + 1) for k in range(n)))
-    job = workshop.job(STEEL.replace("100e3", "1.0") + "[dynamics]\nduration = 0.001\n", nodes, elements)
-    runs = [workshop.run(job, ranks=ranks, output=f"{ranks}.vtkhdf")["provenance"].attrs for ranks in (1, 2)]
-    limits = [(each["limit_assembled"], each["limit_assembled_element"]) for each in runs]
-    assert limits[0] == limits[1]
-    k, m = 1.95e11 * 683.08e-6, 7850.0 * 683.08e-6
-    assert 0.0 <= 1.0 - limits[0][0] * np.sqrt(k / m) * np.cos(np.pi / (2 * n)) < 1e-4
-    # the mode is largest in the middle; of long chains many are nearly as fast
-    assert abs(limits[0][1] - (n - 1) / 2) <= 1.0 or n == 700
 
 
 def test_step_limits_of_elements_of_different_speed():
@@ -93,17 +77,16 @@ def test_any_fragments_are_stable_within_the_limit_after_fracture(seed, weak, sp
         assert intact[0].dt >= limit.dt * (1 - 1e-6)
 
 
-DIVERGES = (
-    BARE + "[load]\nself_weight = false\n"
-    "pressure = [0.0, 0.0, -1e9]\n[dynamics]\nduration = 0.1\ntime_step = 3.1e-3\n",
-    "id,x,y,z,fixed,area\n1,0,0,0,1,0\n2,0,0,-10,0,1\n3,5,5,-10,1,0\n",
-    "start,end\n1,2\n2,3\n",
+DIVERGES = (  # a soft cable throws a mass at a stiff slack one; the step is 0.94 of the stable one
+    BARE + "[dynamics]\nduration = 0.1\ntime_step = 2.7e-3\n",
+    "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,-10,0\n3,0,0,-20,1\n",
+    "start,end,unstressed_length,area\n1,2,10.1,\n2,3,9.9,1e-5\n",
 )
 
 
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_a_run_that_diverges_stops(workshop, ranks):
-    """Exit code 3 with the time, no file. As cables straighten, 0.76 of the step would be stable."""
+    """Exit code 3 with the time, no file. At each contact a slack cable returns too much energy."""
     assert "diverged at t =" in workshop.solve(*DIVERGES, code=3, ranks=ranks).stderr
     assert {p.name for p in workshop.folder.iterdir()} == {"job.toml", "nodes.csv", "elements.csv"}
 

@@ -14,7 +14,6 @@ from netfall.core.functions import quantile
 from netfall.core.kernels import kernel
 from netfall.core.linear import (
     factorise_cholesky,
-    largest_tridiagonal_eigenpair,
     product,
     solve_cholesky_columns,
     solve_complex,
@@ -156,22 +155,6 @@ def test_singular_rows_are_counted():
     singular = np.ones((3, 3))
     assert factorise_cholesky(singular) == 2
     assert np.triu(singular).tolist() == [[1, 1, 1], [0, 1, 0], [0, 0, 1]]
-
-
-@pytest.mark.parametrize("n", [1, 2, 5, 300])
-def test_the_top_of_a_tridiagonal_matrix(n):
-    rng = np.random.default_rng(n)
-    diagonal, off_diagonal = rng.normal(size=n), rng.normal(size=n)
-    whole = np.diag(diagonal) + np.diag(off_diagonal[: n - 1], 1) + np.diag(off_diagonal[: n - 1], -1)
-    values, vectors = np.linalg.eigh(whole)
-    largest, vector = largest_tridiagonal_eigenpair(diagonal.tolist(), off_diagonal.tolist())
-    assert abs(largest - values[-1]) < 1e-13 * n
-    assert np.abs(np.abs(vector) - np.abs(vectors[:, -1])).max() < 1e-11
-
-
-def test_the_top_of_no_stiffness():
-    """A net without stiffness along any axis that is free: straight slack cables with guided nodes."""
-    assert largest_tridiagonal_eigenpair([0.0], [0.0]) == (0.0, [1.0])
 
 
 def test_sparse_solutions_of_matrices_with_both_signs():

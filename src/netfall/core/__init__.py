@@ -6,6 +6,6 @@ affects a result of the simulation:
 - `arithmetic` (kernels): laws of material and slip, bending, equilibrium, gusts, multigrid
 - `functions`: lengths everywhere; wind; random strengths, errors of length, parameters of studies; supports
   in rotated axes
-- `linear`: models of gusts, multigrid, the time step; states of self-stress, lengths of an erection
+- `linear`: models of gusts, multigrid; states of self-stress, lengths of an erection
 - `sparse`: force densities, the coarsest grid of multigrid
 """

@@ -16,8 +16,6 @@ import numpy as np
 from netfall.core.arrays import AnyArray, FloatArray
 from netfall.core.kernels import kernel
 
-INVERSE_ITERATIONS = 4  # each reduces the components of other eigenvectors to some 1e-10
-
 
 def product(a: FloatArray, b: FloatArray) -> np.ndarray:
     """Compute a (n, k) b (k, m)."""
@@ -100,62 +98,6 @@ def _complex(real: FloatArray, imag: FloatArray) -> np.ndarray:
     numbers = np.empty(real.shape, complex)
     numbers.real, numbers.imag = real, imag
     return numbers
-
-
-def count_eigenvalues_below(diagonal: list[float], off_diagonal: list[float], value: float) -> int:
-    """Count the eigenvalues of a symmetric tridiagonal matrix below a value (Sturm's sequence).
-
-    off_diagonal : as long as `diagonal`; its last number is not used
-    """
-    count, pivot, square = 0, 1.0, 0.0
-    for on, off in zip(diagonal, off_diagonal):
-        pivot = on - value - square / pivot
-        if pivot == 0.0:
-            pivot = 1e-300
-        count += pivot < 0.0
-        square = off * off
-    return count
-
-
-def largest_tridiagonal_eigenpair(
-    diagonal: list[float], off_diagonal: list[float]
-) -> tuple[float, list[float]]:
-    """Compute the largest eigenvalue, to its last digits, and unit eigenvector of a tridiagonal matrix.
-
-    The matrix is symmetric.
-    diagonal, off_diagonal : as in `count_eigenvalues_below`
-    It uses bisection, then inverse iteration from just above the eigenvalue, where the shifted matrix needs
-    no pivoting.
-    """
-    n, off = len(diagonal), [*off_diagonal[: len(diagonal) - 1], 0.0]
-    radius = [abs(off[i - 1]) + abs(off[i]) for i in range(n)]
-    low = min(a - r for a, r in zip(diagonal, radius))
-    high = max(a + r for a, r in zip(diagonal, radius))
-    size = max(abs(low), abs(high))
-    low, high = low - 1e-15 * size, high + 1e-15 * size
-    middle = 0.5 * (low + high)
-    while low < middle < high:
-        if count_eigenvalues_below(diagonal, off, middle) == n:
-            high = middle
-        else:
-            low = middle
-        middle = 0.5 * (low + high)
-    above = high + max(1e-14 * size, 1e-100)  # also above the eigenvalue of a zero matrix
-    pivot = [above - diagonal[0]]
-    for i in range(1, n):
-        pivot.append(above - diagonal[i] - off[i - 1] * off[i - 1] / pivot[i - 1])
-    vector = [1.0] * n
-    for _ in range(INVERSE_ITERATIONS):
-        for i in range(1, n):
-            vector[i] += off[i - 1] / pivot[i - 1] * vector[i - 1]
-        square = 0.0
-        for i in range(n - 1, -1, -1):
-            if i < n - 1:
-                vector[i] += off[i] * vector[i + 1]
-            vector[i] /= pivot[i]
-            square += vector[i] * vector[i]
-        vector = [v / math.sqrt(square) for v in vector]
-    return high, vector
 
 
 class LeastSquaresSolution(NamedTuple):

@@ -12,7 +12,6 @@ from netfall.core.errors import InputError, interruption_error
 from netfall.core.messages import is_warning
 from netfall.core.timings import NEVER_STOP, PhaseTimes, StopFlag, StopRequested
 from netfall.driver import messages
-from netfall.driver.dynamics.stepper import assembled_limit
 from netfall.driver.erection.permanent_state import solve_initial_state
 from netfall.driver.problem import BuildUp, Problem, set_up_slip
 from netfall.job.cache import NO_CACHE, WIND_SPEED_KEYS, ResultCache, cache_key
@@ -38,9 +37,6 @@ from netfall.statics.form.initial import find_initial_form
 from netfall.statics.relaxation import state_residual
 from netfall.statics.solver import EquilibriumFinder
 
-# Number of elements up to which each run computes the sharp step limit (10 ms for a stadium, 0.5 s at this
-# number). Above it, a run does so only if a fixed time step exceeds the simple limit.
-MAX_SHARP_LIMIT_ELEMENTS = 50_000
 FORM = "form finding"  # name of all that precedes the first stage in checkpoints
 
 
@@ -184,16 +180,9 @@ def _distribute(comm: MPI.Comm, job: Job, cache: ResultCache) -> tuple[Any, ...]
 
 def _step_limits(problem: Problem) -> dict[str, Limit]:
     """Compute the time step limits by name. Collective."""
-    comm, job, model, distribution = problem.comm, problem.job, problem.model, problem.distribution
+    comm, job, model = problem.comm, problem.job, problem.model
     share = job.dynamics.fragment_mass if job.dynamics else 0.0
     limits = comm.bcast(step_limits(model, problem.state.features, share) if model else None)
-    time_step = job.dynamics.time_step if job.dynamics else "auto"
-    needs_sharp = distribution.m <= MAX_SHARP_LIMIT_ELEMENTS or (
-        time_step != "auto" and time_step > limits["any_shape"].dt
-    )
-    if job.dynamics and needs_sharp:
-        element_gid = distribution.subdomain.element_gid
-        limits["assembled"] = assembled_limit(comm, problem.state, element_gid, problem.halo)
     if not problem.state.features.sliding:
         return limits
     return {  # the limit for slack cables has room for slips

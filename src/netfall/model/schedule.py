@@ -165,7 +165,7 @@ def governing_limit(limits: dict[str, Limit], automatic: bool, intact: bool = Fa
 
     The limits for slack cables and for slips count only if netfall chooses the step.
     """
-    excluded = ["assembled"] + ["after_fracture"] * intact + ["slackening", "slip"] * (not automatic)
+    excluded = ["after_fracture"] * intact + ["slackening", "slip"] * (not automatic)
     return min((limit for limit in limits.values() if limit.name not in excluded), key=lambda limit: limit.dt)
 
 
@@ -176,7 +176,7 @@ def schedule_job(job: Job, limits: dict[str, Limit], model: Model) -> Schedule:
     limit = governing_limit(limits, automatic)
     dt = given_dt if isinstance(given_dt, float) else job.dynamics.safety * limit.dt
     if not automatic and dt > limit.dt:
-        refuse_unstable_step(job, dt, limit, limits, model)
+        raise unstable_step_error(job, dt, limit, model)
     if not automatic and dt > duration:
         raise InputError(messages.STEP_ABOVE_DURATION(path=path, step=dt, duration=duration))
     if not np.isfinite(limit.dt):
@@ -189,16 +189,9 @@ def schedule_job(job: Job, limits: dict[str, Limit], model: Model) -> Schedule:
     return make_schedule(limit.dt, intact, breaks, job.dynamics, job.output)
 
 
-def refuse_unstable_step(job: Job, dt: float, limit: Limit, limits: dict[str, Limit], model: Model) -> None:
-    """Raise InputError unless the step is below the limit of the assembled net and nothing can break."""
-    if limit.name == "any_shape":
-        limit = limits["assembled"]
-        if dt <= limit.dt:
-            return
+def unstable_step_error(job: Job, dt: float, limit: Limit, model: Model) -> InputError:
+    """Return the error for a fixed step above its limit."""
+    is_intact = limit.name == "any_shape"
+    message = messages.UNSTABLE_STEP if is_intact else messages.UNSTABLE_STEP_AFTER_FRACTURE
     element = model.element_name(limit.element)
-    if limit.name == "after_fracture":
-        raise InputError(
-            messages.UNSTABLE_STEP_AFTER_FRACTURE(path=job.path, step=dt, limit=limit.dt, element=element)
-        )
-    net = {"assembled": "intact net", "any_shape": "net in any shape"}[limit.name]
-    raise InputError(messages.UNSTABLE_STEP(path=job.path, step=dt, limit=limit.dt, element=element, net=net))
+    return InputError(message(path=job.path, step=dt, limit=limit.dt, element=element))

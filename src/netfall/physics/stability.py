@@ -1,6 +1,6 @@
 """Stability limits of the explicit step, and the elements that set them.
 
-Central difference is stable for dt < 2 / omega_max. There are four limits, each with its element:
+Central difference is stable for dt < 2 / omega_max. There are three limits, each with its element:
 - `any_shape`: holds for the intact net in any shape. Each particle's mass is shared among its elements in
   proportion to their stiffness k = EA / L0. A single element then has omega^2 = Omega_a^2 + Omega_b^2,
   Omega_p^2 = sum(k) / M, and omega_max of the assembly is at most the largest of these (Rayleigh quotient).
@@ -18,9 +18,6 @@ Central difference is stable for dt < 2 / omega_max. There are four limits, each
   takes nothing: it counts at its particles alone, in sum(k) and M. If nothing is carried this is dt < L0 / c
   of the shortest element. Without fragments there is no such limit, because the removal of an element makes
   nothing stiffer or lighter.
-- `assembled`: 2 / omega_max of the assembled net in its present state, its slack cables taut: the sharp limit
-  of the start (`driver/dynamics/stepper.py`). netfall reports it and checks a fixed step against it. It never
-  sets an automatic step.
 `scaled_mass` adds inertia where that makes `slackening` longest; the limits are then those of the heavier
 net.
 """

@@ -288,7 +288,6 @@ def limit_line(limit: Limit, model: Model) -> str:
         "any_shape": "stable step, intact, in any shape",
         "slackening": "step for cables that become slack and taut again",
         "after_fracture": "stable step after any fracture",
-        "assembled": "stable step of the initial net, all cables taut",
         "slip": "step at which slip needs no more than 2 % of added inertia",
     }[limit.name]
     if limit.element < 0:
