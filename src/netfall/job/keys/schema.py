@@ -7,7 +7,6 @@ from pydantic import Field, create_model
 
 from netfall.job.keys import entries, models, net
 from netfall.job.keys.fields import Key, Section, keys_of
-from netfall.job.units import example
 
 EXCLUSIVE_KEYS = (
     ("modulus", "axial_stiffness"),
@@ -80,9 +79,6 @@ def key_of(name: str) -> Key | None:
 CURVES = keys_of(models.Cable)["buckling_curve"].choices  # of EN 1993-1-1
 
 
-QUANTITY_PATTERN = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*\D.*$"
-
-
 def job_schema() -> dict[str, Any]:
     """Return the schema: each section with type, unit, range, default and meaning of its keys."""
     fields: dict[str, Any] = {}
@@ -121,21 +117,15 @@ def _with_units(node: Any) -> Any:
         result |= result.pop("anyOf")[0]
     if unit:
         result["description"] = f"[{unit}] {result.get('description', '')}"
-        return _number_or_text(result, unit)
+        return _number_or_text(result)
     return result
 
 
-def _number_or_text(node: Any, unit: str) -> Any:
-    """Return a schema in which each number may be a text of a number and a unit."""
+def _number_or_text(node: Any) -> Any:
+    """Return a schema in which each number may be a text of a number and a unit; bounds hold for numbers."""
     if isinstance(node, list):
-        return [_number_or_text(item, unit) for item in node]
+        return [_number_or_text(item) for item in node]
     if not isinstance(node, dict):
         return node
-    if node.get("type") == "number":
-        number = {name: item for name, item in node.items() if name not in ("description", "default")}
-        others = {name: item for name, item in node.items() if name in ("description", "default")}
-        return {
-            "anyOf": [number, {"type": "string", "pattern": QUANTITY_PATTERN, "examples": [example(unit)]}],
-            **others,
-        }
-    return {name: item if name == "default" else _number_or_text(item, unit) for name, item in node.items()}
+    items = {name: item if name == "default" else _number_or_text(item) for name, item in node.items()}
+    return items | ({"type": ["number", "string"]} if node.get("type") == "number" else {})
