@@ -4,7 +4,6 @@ To add a column, extend `COLUMNS` of `explicit.history_columns` and `history_col
 needed for the result file, Python, checkpoints and the page of the result file.
 """
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -98,12 +97,8 @@ def energy_in_play(rows: dict[str, np.ndarray]) -> np.ndarray:
     return np.where(np.isnan(energy), 0.0, energy)  # nan without the energy check
 
 
-# Reference energies [J] per row: an error is relative to the largest value up to its row, and in the first
+# Reference energy of each error: an error is relative to the largest value up to its row, and in the first
 # START_STEPS of a motion to the largest up to START_STEPS later.
-REFERENCE_ENERGIES: dict[str, Callable[[dict[str, np.ndarray]], np.ndarray]] = {
-    "in_play": energy_in_play,
-    "attached": lambda rows: np.nan_to_num(rows["attached_energy"]),
-}
 ERROR_REFERENCE = {
     "work_identity_error": "in_play",
     "energy_balance_error": "in_play",
@@ -143,7 +138,7 @@ class History:
     """
 
     def __init__(self, probes: Probes, features: Features, keeps_probes: bool):
-        self.probes, self.scales = probes, dict.fromkeys(REFERENCE_ENERGIES, 0.0)
+        self.probes, self.scales = probes, {"in_play": 0.0, "attached": 0.0}
         self.keeps_probes = keeps_probes
         self.names = [
             column.name for column in COLUMNS if not column.needs or getattr(features, column.needs)
@@ -179,8 +174,9 @@ class History:
             return columns
         time, soon = columns["time"], columns["time"] + START_STEPS * columns["time_step"]
         last = np.searchsorted(time, soon, side="right") - 1
+        energies = {"in_play": energy_in_play(columns), "attached": np.nan_to_num(columns["attached_energy"])}
         for name, share in ERROR_REFERENCE.items():
-            energy, least = REFERENCE_ENERGIES[share](columns), self.scales[share]
+            energy, least = energies[share], self.scales[share]
             scale = np.maximum.accumulate(np.maximum(energy, least))
             first = np.argmax(scale > least)  # row of the motion
             scale = np.where(time <= soon[first], scale[last], scale)

@@ -46,7 +46,7 @@ def combined_errors(
             table.keys() & schema.BREAKING_KEYS for table in of_elements
         )
         detaches = may_break and wind.get("after_fracture", "detached") == "detached"
-        yield from (("wind", what) for what in _wind_errors(wind, detaches, slender))
+        yield from (("wind", what) for what in _wind_errors(wind, checked["wind"], detaches, slender))
     if "cable" in given:
         tables, by_density = "elements" in given.get("net", {}), bool(form and form.method == "force_density")
         yield from _cable_errors(given["cable"], _groups(given), tables, by_density)
@@ -162,16 +162,18 @@ def _net_key_errors(net: dict[str, Any]) -> Iterator[str]:
         yield messages.UNIT_OF_GENERATOR(value=format_value(net["unit"]))
 
 
-def _wind_errors(wind: dict[str, Any], detaches: bool, slender: bool) -> Iterator[str]:
+def _wind_errors(wind: dict[str, Any], section: Wind, detaches: bool, slender: bool) -> Iterator[str]:
     """Yield errors of sources, coefficients and gusts.
 
+    wind, section : as written and checked
     detaches : whether fragments can detach and drag; slender : whether elements have a diameter, so that wind
         acts on them without a coefficient of the roof
     """
     sources = [key for key in ("speed", "file", "pressures") if key in wind]
-    if sources == ["pressures"] and _has_aerodynamic_damping(wind):
+    damps = any(section.all_values("aerodynamic_damping"))
+    if sources == ["pressures"] and damps:
         yield messages.NO_DAMPING_SPEED()
-    elif sources == ["speed", "pressures"] and (_has_aerodynamic_damping(wind) or detaches):
+    elif sources == ["speed", "pressures"] and (damps or detaches):
         pass  # damping and drag are for that mean speed
     elif len(sources) > 1:
         yield messages.EXCLUSIVE(keys=" and ".join(sources))
@@ -183,7 +185,7 @@ def _wind_errors(wind: dict[str, Any], detaches: bool, slender: bool) -> Iterato
     names = ("pressure_coefficient", "sectors")
     given: list[str] = [key for key in names if key in wind]
     if "pressures" in wind:
-        given += ["zone"] * any("pressure_coefficient" in zone for zone in _zones(wind))
+        given += ["zone"] * bool(section.zone_values("pressure_coefficient"))
         if given:
             yield messages.EXCLUSIVE(keys=" and ".join(["pressures", *given]))
     elif len(given) == 2:
@@ -214,17 +216,6 @@ def _base_height_errors(
 def is_record(motion: Motion) -> bool:
     """Return whether an entry of [[motion]] names a record of PEER."""
     return motion.acceleration is not None and motion.acceleration.lower().endswith(".at2")
-
-
-def _zones(table: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the tables of the zones of a section as written."""
-    zones = table.get("zone")
-    return [zone for zone in zones.values() if isinstance(zone, dict)] if isinstance(zones, dict) else []
-
-
-def _has_aerodynamic_damping(wind: dict[str, Any]) -> bool:
-    """Return whether [wind], as written, has aerodynamic damping anywhere."""
-    return any(table.get("aerodynamic_damping") for table in (wind, *_zones(wind)))
 
 
 def missing_key_error(name: str, element: str = "") -> str:
