@@ -131,10 +131,14 @@ def test_lines_end_in_their_code():
 
 
 def test_the_sentence_on_a_checkpoint_precedes_the_code():
-    error = DivergedError("statics: no equilibrium. Lower the load [E619]", Path("x.h5"))
+    error, other = (
+        DivergedError("statics: no equilibrium. Lower the load [E619]"),
+        DivergedError("it diverged"),
+    )
+    error.checkpoint = other.checkpoint = Path("x.h5")
     sentence = "The last good checkpoint is x.h5: resume with --restart x.h5"
     assert str(error) == f"statics: no equilibrium. Lower the load. {sentence} [E619]"
-    assert str(DivergedError("it diverged", Path("x.h5"))).startswith("it diverged. The last good checkpoint")
+    assert str(other).startswith("it diverged. The last good checkpoint")
 
 
 def test_warnings_are_counted_with_their_codes():

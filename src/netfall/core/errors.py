@@ -43,10 +43,7 @@ class RunError(Exception):
 
     exit_code: int
     state = "failed"
-
-    def __init__(self, message: str, checkpoint: Path | None = None):
-        super().__init__(message)
-        self.checkpoint = checkpoint
+    checkpoint: Path | None = None
 
     def __str__(self) -> str:
         message = super().__str__()
