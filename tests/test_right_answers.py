@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from conftest import STEEL, lines_with, refused, run_on_standing_ranks
+from conftest import BARE, STEEL, lines_with, refused, run_on_standing_ranks
 from nets import table
 
 from netfall.job.read import read_job
@@ -435,6 +435,17 @@ def test_a_step_too_long_for_unstressed_elements_is_refused(workshop, kind):
     line = refused("run", workshop.job(text + "3.2e-4\n", BAR, elements))
     assert "above the stable step 0.0003132 s of the net in any shape" in line
     workshop.solve(text + "3.1e-4\n", BAR, elements)
+
+
+def test_a_step_that_is_stable_only_in_the_given_shape_is_refused(workshop):
+    """Cables of 10 and 50^0.5 m at right angles may align: 2 / sqrt(EA (1/10 + 50^-0.5) / M) = 2.386e-3 s.
+
+    At right angles 3.117e-3 s is stable. With EA = 1.332e8 N, M = 45.77 kg.
+    """
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,-10,0\n3,5,5,-10,1\n"
+    text = BARE + "[dynamics]\nduration = 0.01\ntime_step = 3.1e-3\n"
+    job = workshop.job(text, nodes, "start,end\n1,2\n2,3\n")
+    assert "above the stable step 0.002386 s of the net in any shape" in refused("run", job)
 
 
 TWO = SECTION
