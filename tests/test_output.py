@@ -739,7 +739,7 @@ def test_a_film_shows_a_removed_element_and_its_end(workshop):
     assert red[3] > red[0] + 20
 
 
-@pytest.mark.parametrize("most, shown", [(17, 17), (6, 5), (4, 4)])
+@pytest.mark.parametrize("most, shown", [(6, 5), (4, 4)])
 def test_a_film_has_no_more_frames_than_the_limit(storm, tmp_path, monkeypatch, most, shown):
     """The last of the 17 frames is shown in addition to every fourth or sixth."""
     monkeypatch.setattr("netfall.post.plots.film.MAX_FRAMES", most)
