@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from conftest import assert_same_results
-from nets import elastic, equilibrium, model_of, table
-from test_gusts import load_on
+from nets import model_of, table
 
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
@@ -113,19 +112,6 @@ def test_the_middle_of_a_flat_net_under_pressure(workshop):
     assert np.isclose(4 * EA * (length / L0 - 1.0) * w / length, 1000.0 * 25.0, rtol=1e-7)
 
 
-def test_a_two_way_net_under_pressure(workshop):
-    """40 x 25 m, 1 kN/m2: the reference is the equilibrium of springs by Newton's method."""
-    x, edge, elements = facade()
-    with workshop.solve(PRESSED + "steps = 1\n" + OUTSIDE, *tables(x, edge, elements)) as f:
-        u, N = f["statics/displacement"][-1], f["statics/tension"][-1]
-    EA, length = 1.6e11 * 400e-6, lengths(x[elements[:, 1]] - x[elements[:, 0]])
-    load = np.where(edge, 0.0, 25e3)[:, None] * [0.0, 1.0, 0.0]
-    fixed = np.repeat(edge[:, None], 3, 1)
-    expected, expected_N = equilibrium(x, elements, elastic(length / (1.0 + 200e3 / EA), EA), fixed, load)
-    assert np.abs(u - (expected - x)).max() < 1e-6 * np.abs(u).max()
-    assert np.allclose(N[~edge[elements].all(1)], expected_N[~edge[elements].all(1)], rtol=1e-6)
-
-
 def test_check_and_info_name_the_outer_side(workshop):
     """Both print the resultant of a pressure, for a facade without the key together with the key."""
     job = workshop.job(PRESSED + "steps = 1\n" + OUTSIDE, *tables(*facade(4, 3)))
@@ -203,23 +189,6 @@ def test_sectors_rotate_the_load_of_the_facade(workshop, direction, roof, edge):
     c = roof * (1.0 - share) + edge * share
     expected = 0.5 * 1.25 * c * U**2 * model.roof.area
     assert np.allclose(field.force * field.mean[:, None] ** 2, expected[:, None] * [0, 1, 0], atol=1e-6)
-
-
-def test_the_resultant_of_the_gusts_is_that_of_the_coherence(workshop):
-    """Its variance is the double sum of Davenport's coherence over points 1 m apart, to 5 %."""
-    model = facade_model(workshop, CABLES + OUTSIDE + f"[wind]\n{WIND}{ONTO}" + DYNAMICS)
-    field, x = model.wind_field, model.x
-    load = load_on(field, model.roof.area * field.mean)
-    computed = load @ field.model.covariance @ load
-    a, z = (part.ravel() for part in np.meshgrid(np.arange(0.5, 40.0), np.arange(0.5, 25.0)))
-    U = 20.0 * (np.maximum(z, 1.0) / 10.0) ** 0.2
-    apart = np.hypot(16.0 * (a[:, None] - a), 10.0 * (z[:, None] - z)) / (0.5 * (U[:, None] + U))
-    delay, pairs = np.histogram(apart, 400, weights=np.outer(U, U))
-    n = np.geomspace(1e-4, 20.0, 400)
-    reduced = 1200.0 * n / 20.0  # Davenport 1961: n S / sigma2 = 2/3 x2 / (1 + x2)^(4/3)
-    spectrum = (0.18 * 20.0) ** 2 * (2.0 / 3.0) * reduced**2 / (1.0 + reduced**2) ** (4.0 / 3.0) / n
-    decayed = np.exp(-np.outer(n, 0.5 * (pairs[1:] + pairs[:-1]))) @ delay
-    assert len(x) == 54 and computed == pytest.approx(np.trapezoid(spectrum * decayed, n), rel=0.05)
 
 
 def test_a_canopy_and_its_facade_by_hand(workshop):

@@ -59,20 +59,6 @@ def test_a_ring_released_in_plan_has_the_thrust_q_times_r(workshop, release):
     assert (held[:, 2] == 1).all() and held[:, :2].sum() == 3 and held[0].tolist() == [0, 1, 1]
 
 
-def test_a_ring_with_two_loads_has_the_moments_of_statics(workshop):
-    """P R / pi under each load, P R (1/2 - 1/pi) between them; N = P / 2 there (Roark)."""
-    stiff = RING + "bending = true\n[group.tie]\nmodulus = 1e9\n"  # a soft tie keeps its force
-    text = CABLES + stiff + LOAD + stage("free", release='["ring"]', hold=f'{{ring = "z", {IN_PLACE[1:]}')
-    f = workshop.solve(text, *tables(False))
-    g = f["stages/free"]
-    P, M = g["tension"][K], np.abs(g["bending_moment"][:K])
-    assert P == pytest.approx(FORCE, rel=0.2)
-    assert M.max() == pytest.approx(P * R / np.pi, rel=0.02)
-    between = g["bending_moment"][K // 4, 0]
-    assert abs(between) == pytest.approx(P * R * (0.5 - 1.0 / np.pi), rel=0.02)
-    assert g["tension"][K // 4] == pytest.approx(-0.5 * P, rel=0.02)
-
-
 STEPS = [
     stage("free", release='{ring = "xy"}', hold=IN_PLACE),
     stage("up", move="{all = [0.0, 0.0, 0.5]}"),
