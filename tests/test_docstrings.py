@@ -7,7 +7,6 @@ import keyword
 import re
 import sys
 import tokenize
-from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
@@ -78,6 +77,8 @@ def names_in(nodes: Iterable[ast.AST]) -> Iterator[str]:
                 yield name
             case ast.keyword(arg=str(name)) | ast.FunctionDef(name=name) | ast.ClassDef(name=name):
                 yield name
+            case ast.ImportFrom(module=str(name)):
+                yield from name.split(".")
             case ast.alias(name=name, asname=other):
                 yield from (*name.split("."), other or name)
             case ast.Constant(value=str(text)):
@@ -85,116 +86,46 @@ def names_in(nodes: Iterable[ast.AST]) -> Iterator[str]:
 
 
 @cache
-def local_names() -> dict[Path, set[str]]:
-    """Return the names and words of the code of each module."""
-    return {module.name: set(names_in(module.nodes)) for module in modules()}
-
-
-@cache
-def members() -> dict[str, set[str]]:
-    """Return the names that each module, package and class of the code defines."""
-    result: dict[str, set[str]] = {}
-    for name, nodes, *_ in modules():
-        if name.stem == "__init__":
-            defined = local_names()[name] | {child.stem for child in (PACKAGE / name).parent.iterdir()}
-            result.setdefault((PACKAGE / name).parent.name, set()).update(defined)
-        else:
-            statements = [node for node in nodes[0].body if not isinstance(node, DEFINITION)]
-            assigned = {word for node in statements for word in names_in(ast.walk(node))}
-            defined = {node.name for node in nodes[0].body if isinstance(node, DEFINITION)}
-            result.setdefault(name.stem, set()).update(assigned | defined)
-        for node in nodes:
-            if isinstance(node, ast.ClassDef):
-                result.setdefault(node.name, set()).update(names_in(ast.walk(node)))
-    return result
-
-
-@cache
-def names_everywhere() -> set[str]:
-    """Return the names that count in each module.
-
-    These are modules and definitions, parameters, attributes, keywords, imported packages, and texts that are
-    one name: keys and datasets. A local variable counts in its own module alone.
-    """
-    result = {*dir(builtins), *keyword.kwlist, *sys.stdlib_module_names, "netfall"}
-    for module in modules():
-        result |= set(module.name.with_suffix("").parts)
-        for node in module.nodes[0].body:
-            if isinstance(node, ast.Assign | ast.AnnAssign):
-                result |= {child.id for child in ast.walk(node) if isinstance(child, ast.Name)}
-        for node in module.nodes:
-            match node:
-                case ast.ClassDef(name=name):
-                    fields = [child.target for child in node.body if isinstance(child, ast.AnnAssign)]
-                    result |= {name, *(field.id for field in fields)}
-                case ast.Attribute(attr=name) | ast.arg(arg=name) | ast.keyword(arg=str(name)):
-                    result.add(name)
-                case ast.FunctionDef(name=name):
-                    result.add(name)
-                case ast.ImportFrom(module=str(name)) | ast.alias(name=name):
-                    result.add(name.split(".")[0])
-                case ast.Constant(value=str(text)) if text.isidentifier():
-                    result.add(text)
-    return result
-
-
-@cache
-def assigning_packages() -> dict[str, set[Path]]:
-    """Return the packages that assign each name in capitals."""
-    result = defaultdict(set)
-    for module in modules():
-        for node in module.nodes:
-            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node.id.isupper():
-                result[node.id].add(module.name.parent)
-    return result
-
-
-@cache
-def words_of_texts() -> set[str]:
-    """Return the words of text constants in all modules, and of messages."""
-    constants = (node for module in modules() for node in module.nodes if isinstance(node, ast.Constant))
+def known_names() -> set[str]:
+    """Return the names of the package and of Python, and the words of texts and messages."""
     page = PACKAGE / "docs" / "pages" / "reference" / "messages.md"
-    return set(names_in(constants)) | set(re.findall(r"\w+", page.read_text()))
+    result = {
+        *dir(builtins),
+        *keyword.kwlist,
+        *sys.stdlib_module_names,
+        *re.findall(r"\w+", page.read_text()),
+    }
+    for module in modules():
+        result |= {*module.name.with_suffix("").parts, *names_in(module.nodes)}
+    return result
 
 
-def unknown_parts(name: str, local: set[str]) -> list[str]:
-    """Return the parts of a name in backticks that do not exist. local : names of the module that names it"""
+def unknown_parts(name: str) -> list[str]:
+    """Return the parts of a name in backticks that do not exist."""
     if re.fullmatch(r"[\w/]+\.(py|js)", name):
         return [] if list(PACKAGE.rglob(name)) else [name]
-    if re.fullmatch(r"\w+(\.\w+)+", name):
-        owner, member = name.split(".")[-2:]
-        if owner in members() and owner not in local and member not in members()[owner]:
-            return [name]
-    known = names_everywhere() | local | FOREIGN
-    return [part for part in re.findall(r"[A-Za-z_]\w*", name) if part not in known and not part.isupper()]
+    known = known_names() | FOREIGN
+    return [part for part in re.findall(r"[A-Za-z_]\w*", name) if part not in known]
 
 
-def occurrences(pattern: re.Pattern[str]) -> Iterator[tuple[str, Path, str]]:
-    """Yield the place, module and first group of each match of a pattern in docstrings and comments."""
+def occurrences(pattern: re.Pattern[str]) -> Iterator[tuple[str, str]]:
+    """Yield the place and first group of each match of a pattern in docstrings and comments."""
     for module in modules():
         for line, text in module.texts:
             for match in pattern.finditer(text):
-                place = f"{module.name}:{line + text.count(chr(10), 0, match.start(1))}"
-                yield place, module.name, match[1]
+                yield f"{module.name}:{line + text.count(chr(10), 0, match.start(1))}", match[1]
 
 
 def test_names_in_backticks_exist():
-    """A name in backticks is defined in the module, package or class that it names, or else in the code."""
-    wrong = [
-        f"{place}: {name}"
-        for place, module, name in occurrences(BACKTICKS)
-        if unknown_parts(name, local_names()[module])
-    ]
+    """Each name in backticks is one of the code."""
+    wrong = [f"{place}: {name}" for place, name in occurrences(BACKTICKS) if unknown_parts(name)]
     assert not wrong, "\n".join(wrong)
 
 
 def test_capital_constants_exist():
-    """A capital word is a name of the module, its package or one other package, a text or an abbreviation."""
-    known, packages, wrong = words_of_texts() | ABBREVIATIONS, assigning_packages(), []
-    for place, module, word in occurrences(CAPITALS):
-        is_of_package = len(packages[word]) == 1 or module.parent in packages[word]
-        if not is_of_package and word not in known | local_names()[module]:
-            wrong.append(f"{place}: {word}")
+    """A capital word is a name of the code, a word of its texts or an abbreviation."""
+    known = known_names() | ABBREVIATIONS
+    wrong = [f"{place}: {word}" for place, word in occurrences(CAPITALS) if word not in known]
     assert not wrong, "\n".join(wrong)
 
 
@@ -213,8 +144,8 @@ def test_described_arguments_exist():
 
 def test_exceptions_are_needed():
     """Each exception occurs."""
-    assert not ABBREVIATIONS - {word for *_, word in occurrences(CAPITALS)}
-    assert not FOREIGN - {part for *_, name in occurrences(BACKTICKS) for part in re.findall(r"\w+", name)}
+    assert not ABBREVIATIONS - {word for _, word in occurrences(CAPITALS)}
+    assert not FOREIGN - {part for _, name in occurrences(BACKTICKS) for part in re.findall(r"\w+", name)}
 
 
 def test_docstrings_comments_and_names_are_plain():

@@ -47,7 +47,7 @@ def calm_slow(shared_workshop):
 ON_FOUR = [pytest.param(ranks, 4, marks=pytest.mark.long) for ranks in (1, 2)]
 
 
-@pytest.mark.parametrize("ranks, later", [(2, 1), (1, 3), (3, 2), *ON_FOUR])
+@pytest.mark.parametrize("ranks, later", [(1, 3), (3, 2), *ON_FOUR])
 def test_restart_on_other_ranks_gives_the_same_bits(workshop, calm_slow, ranks, later):
     """Both stored checkpoints serve, before and after fractures, also if the run had finished."""
     job = workshop.job(SLOW)
@@ -230,7 +230,7 @@ def whole(shared_workshop):
     return shared_workshop.solve(PAUSED, name="paused", output="paused.vtkhdf")
 
 
-@pytest.mark.parametrize("after", [0, 1, 10, 20])
+@pytest.mark.parametrize("after", [1, 20])
 def test_a_pause_in_form_finding_or_statics_changes_no_bit(workshop, whole, after):
     """The run stops after some checks of the residual and resumes on two ranks."""
     words = "in statics.*checkpoint" if after >= 10 else "in form finding.*checkpoint"
