@@ -116,22 +116,11 @@ def test_a_run_does_not_change_the_users_process(tmp_path):
 
 ALONE_BY_MPIRUN = {"OMPI_COMM_WORLD_SIZE": "1", "OMPI_COMM_WORLD_RANK": "0", "PMIX_RANK": "0"}
 ALONE_BY_SRUN = {"SLURM_STEP_NUM_TASKS": "1", "SLURM_PROCID": "0", "PMI_SIZE": "1", "PMI_RANK": "0"}
-STARTED_ALONE = {  # a notebook: variables of the launcher that started it
-    "mpirun within srun": ALONE_BY_SRUN | ALONE_BY_MPIRUN,
-    "mpirun": ALONE_BY_MPIRUN,
-    "srun": ALONE_BY_SRUN,
-    "sbatch": {"SLURM_PROCID": "0", "SLURM_NTASKS": "8"},
-    "srun --pty": {"SLURM_STEP_NUM_TASKS": "8", "SLURM_PROCID": "0", "SLURM_PTY_PORT": "1"},
-}
 
 
-@pytest.mark.parametrize(
-    "launcher",
-    [pytest.param(name, marks=pytest.mark.long if k else ()) for k, name in enumerate(STARTED_ALONE)],
-)
-def test_a_notebook_runs_jobs_in_other_processes_and_shows_their_output(tmp_path, monkeypatch, launcher):
-    """Its output differs from that of its process. A launcher of one process may start ranks."""
-    for name, value in STARTED_ALONE[launcher].items():
+def test_a_notebook_runs_jobs_in_other_processes_and_shows_their_output(tmp_path, monkeypatch):
+    """Its output differs from that of its process. Its launcher, mpirun within srun, may start ranks."""
+    for name, value in (ALONE_BY_SRUN | ALONE_BY_MPIRUN).items():
         monkeypatch.setenv(name, value)
     monkeypatch.chdir(tmp_path)
     with contextlib.redirect_stdout(io.StringIO()) as shown:

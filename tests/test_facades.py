@@ -141,7 +141,6 @@ EDGE = '[[zone]]\nname = "edge"\npolygon = [[0, 0], [4, 0], [4, 25], [0, 25]]\nc
 SECTORS = "direction,pressure_coefficient,edge\n0,-0.5,-0.8\n90,0.8,1.2\n180,-0.5,-0.8\n270,-0.3,-0.6\n"
 WIND = "speed = 20.0\nbase_height = 0.0\nprofile_exponent = 0.2\nturbulence_intensity = 0.18\n"
 WIND += 'gust_field = "area_mean"\n'
-ONTO = "direction = 90\npressure_coefficient = 1.0\n"
 DYNAMICS = "[dynamics]\nduration = 0.5\n"
 
 
