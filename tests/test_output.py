@@ -129,14 +129,6 @@ def test_every_numeric_dataset_has_its_unit(storm):
     assert {path: unit_of[path][1] for path in units} == units
 
 
-def test_frames_and_history_rows_have_the_times_of_the_job(storm):
-    """frames plus the initial state, evenly spaced; history rows every 4 ms, the last at the end."""
-    t = storm["VTKHDF/Steps/Values"][:]
-    assert len(t) == 17
-    assert np.allclose(t, np.linspace(0, 0.8, 17), atol=storm["provenance"].attrs["time_step"])
-    assert np.allclose(storm["history/time"][:], np.arange(201) * 0.004, atol=1e-9)
-
-
 def vtk_steps(path):
     """Yield each step as VTK's reader returns it: time, points, lines, arrays by name."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
