@@ -70,8 +70,8 @@ def test_a_weight_without_vertical_support_is_refused(workshop, loads):
     run_on_standing_ranks("check", workshop.job(text, nodes, elements))
 
 
-def test_warnings_of_a_net_precede_its_errors(workshop):
-    """A part ends 0.5 mm from a support and is unsupported: the distance is named first."""
+def test_warnings_and_notes_of_a_net_precede_its_errors(workshop):
+    """A part ends 0.5 mm from a support and is unsupported, then a column is ignored: these come first."""
     nodes = CROSS + "6,0,1.9995,1,0\n7,0,3,1,0\n"
     elements = "start,end\n1,5\n2,5\n3,5\n4,5\n6,7\n"
     job = workshop.job(SECTION + "prestress = 1e4\n[form_finding]\n", nodes, elements)
@@ -80,6 +80,15 @@ def test_warnings_of_a_net_precede_its_errors(workshop):
     assert lines[-1].startswith("error: ") and "has no support" in lines[-1]
     of_json = run_on_standing_ranks("check", job, "--json", code=2).stdout
     assert '"warnings"' in of_json and of_json.count("[W211]") == 1
+    pattern = '[group."post*"]\nsecond_moment = 1e-6\n'  # one key of two groups
+    elements = "start,end,group\n1,5,post a\n2,5,post b\n3,5,post b\n4,5,post b\n"
+    job = workshop.job(SECTION + pattern, CROSS.replace("fixed", "support"), elements)
+    done = run_on_standing_ranks("check", job, code=2)
+    lines = done.stderr.splitlines()
+    assert lines[0].startswith("note: ") and 'which netfall ignores: "support"' in lines[0]
+    assert sum("[E255]" in line for line in lines) == 1
+    of_json = run_on_standing_ranks("check", job, "--json", code=2).stdout
+    assert "[N184]" not in of_json and "[E255]" in of_json
 
 
 def test_the_motion_of_the_form_is_named_before_exceeded_strengths(workshop):

@@ -21,7 +21,7 @@ from netfall.core.errors import (
     naming_extras,
 )
 from netfall.core.launch import launched_rank
-from netfall.core.messages import is_note, is_warning
+from netfall.core.messages import is_error
 from netfall.core.progress import print_lines, redirect_to_null
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
@@ -66,7 +66,7 @@ def main() -> None:
         if _rank() == 0:
             lines = error.lines if isinstance(error, InputError) else [str(error)]
             for line in lines:
-                _print_error(line if is_note(line) or is_warning(line) else f"error: {line}")
+                _print_error(f"error: {line}" if is_error(line) else line)
         sys.exit(error.exit_code)
     except BrokenPipeError:
         redirect_to_null(sys.stdout)

@@ -64,7 +64,7 @@ def check(job: Path, overrides: list[str], folder: Path | None, json: bool) -> N
     from netfall.parallel.alone import start_mpi
 
     start_mpi()
-    from netfall.core.messages import is_warning
+    from netfall.core.messages import is_error, is_warning
     from netfall.core.text import json_text
     from netfall.driver.check import check_job, check_values
     from netfall.job.read import read_job
@@ -79,7 +79,7 @@ def check(job: Path, overrides: list[str], folder: Path | None, json: bool) -> N
     except (InputError, DivergedError) as error:
         of_error = str(error).splitlines()
         warnings = [line for line in [*lines, *of_error] if is_warning(line)]
-        errors = [line for line in of_error if not is_warning(line)]
+        errors = [*filter(is_error, of_error)]
         print(json_text({"job": str(job), "valid": False, "errors": errors, "warnings": warnings}))
         raise SystemExit(error.exit_code) from None
 

@@ -14,7 +14,7 @@ ON_EVERY_RANK = "raised on every rank"  # note of an error
 
 
 class InputError(Exception):
-    """Error in the job or its input, one line per error, after the warnings that explain it. Exit code 2."""
+    """Error in the job or its input, one line per error, after warnings and notes on it. Exit code 2."""
 
     exit_code = 2
 
@@ -30,8 +30,8 @@ def other_version_error(path: Path, version: str | None, remedy: str) -> InputEr
 
 
 def raise_errors(lines: Iterable[str]) -> None:
-    """Raise InputError with all lines, if there are any."""
-    if lines := list(lines):
+    """Raise InputError with all different lines, if there are any."""
+    if lines := list(dict.fromkeys(lines)):
         raise InputError(lines)
 
 

@@ -120,6 +120,11 @@ def is_note(line: str) -> bool:
     return line.startswith("note: ")
 
 
+def is_error(line: str) -> bool:
+    """Return whether a line of an exception is an error, not a warning or note that explains it."""
+    return not (is_warning(line) or is_note(line))
+
+
 def code_of(line: str) -> str:
     """Return the code at the end of a line, "W612" of "... [W612]"; empty if it has none."""
     code = line[-5:-1]

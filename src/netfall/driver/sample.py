@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from netfall.core import errors
-from netfall.core.messages import code_of, is_warning
+from netfall.core.messages import code_of, is_error
 from netfall.core.progress import Progress
 from netfall.core.timings import PhaseTimes
 from netfall.driver.dynamics import stage as dynamics
@@ -180,7 +180,7 @@ def _state_of(error: errors.InputError | errors.RunError) -> str:
     If the prestress breaks or yields an element, possibly with a random strength, no equilibrium exists.
     """
     if isinstance(error, errors.InputError):
-        codes = {code_of(line) for line in error.lines if not is_warning(line)}
+        codes = {code_of(line) for line in filter(is_error, error.lines)}
         return NO_EQUILIBRIUM if codes <= {*TOO_WEAK, STARTS_BEYOND_LIMIT.code} else "failed"
     return error.state
 

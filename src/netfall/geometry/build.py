@@ -6,7 +6,7 @@ import numpy as np
 
 from netfall.core.errors import InputError, raise_errors
 from netfall.core.functions import lengths, surface_axes
-from netfall.core.messages import is_warning, mm
+from netfall.core.messages import mm
 from netfall.geometry import messages, sections
 from netfall.geometry.bars import bar_errors, bar_notes, set_bars
 from netfall.geometry.cables import cables_of
@@ -52,8 +52,8 @@ def build_net(job: Job) -> Net:
     try:
         sections.set_sections(job, net, columns)
     except InputError as error:
-        raise InputError(errors + error.lines) from None
-    raise_errors(errors)
+        raise InputError([*net.notes, *errors, *error.lines]) from None
+    raise_errors([*net.notes, *errors] if errors else [])
     set_bars(job, net)
     net.prestress = net.prestress if own_prestress is None else own_prestress  # a generator's own equilibrium
     if net.m * job.net.subdivide > MOST_ELEMENTS:
@@ -72,7 +72,7 @@ def build_net(job: Job) -> Net:
     errors = [f"{job.path}: {line}" for line in _net_errors(job, net)] + _table_errors(job, net)
     errors += [f"{job.path}: {line}" for check in (strength_errors, bar_errors) for line in check(job, net)]
     net.notes += _loose_end_warnings(job, net)
-    raise_errors([*filter(is_warning, net.notes), *errors] if errors else [])
+    raise_errors([*net.notes, *errors] if errors else [])
     net.notes += [*strength_notes(job, net), *bar_notes(job, net)]
     size = float(np.ptp(net.x, axis=0).max())
     for name, limit in displacement_limits(job.limits, net.group_names).items() if job.limits else ():

@@ -7,7 +7,6 @@ from typing import Any, final
 import numpy as np
 
 from netfall.core.errors import InputError, raise_errors
-from netfall.core.messages import is_warning
 from netfall.geometry import messages as geometry_messages
 from netfall.geometry.areas import RoofFaces, find_roof
 from netfall.geometry.build import build_net
@@ -175,7 +174,7 @@ def _partition_net(job: Job, ranks: int) -> tuple[Any, ...]:
         roofing = find_roof(job, net)
         zones = make_zones(job, net, roofing)
     except InputError as error:
-        raise InputError([*filter(is_warning, net.notes), *error.lines]) from None
+        raise InputError([*net.notes, *error.lines]) from None
     if not job.changes_net():
         part = partition.read_partition(job.name, net.n, net.elements, ranks)
         if part is not None:

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 
 from netfall.core.functions import lengths
-from netfall.core.messages import count_of, is_note, is_warning, mm
+from netfall.core.messages import count_of, is_error, is_warning, mm
 from netfall.core.progress import Progress
 from netfall.driver import messages
 from netfall.driver.dynamics import stage as dynamics
@@ -304,7 +304,7 @@ def run_notes(problem: Problem) -> list[str]:
     """Return the warnings and notes that precede a run, for its result file; on rank 0."""
     model = problem.root_model
     remarks = [*start_warnings(problem), *(dynamic_remarks(problem) if problem.schedule else ())]
-    marked = [line for line in remarks if is_note(line) or is_warning(line)]
+    marked = [line for line in remarks if not is_error(line)]
     return [*net_remarks(problem.job, model.layout), *model.start_notes, *marked]
 
 
