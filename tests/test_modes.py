@@ -1,6 +1,7 @@
 """Periods and modes compared with closed forms, and the effect of damping in a run."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -138,15 +139,20 @@ def test_elements_that_do_not_move_in_a_mode_leave_the_net_visible(workshop):
 @pytest.mark.parametrize(
     "load, about", [("", "before any static load"), ("steps = 1\n", "under the static loads")]
 )
-def test_the_picture_of_modes_names_their_equilibrium(workshop, load, about):
+def test_picture_and_info_of_modes_name_their_equilibrium(workshop, load, about):
     """Cases do not count: the modes of a static job without load steps are those of the unloaded form."""
     from netfall.post.plots.states import modes
+    from netfall.post.report.info import print_info
 
     nodes = f"id,x,y,z,fixed,mass\n1,0,0,0,1,0\n2,{A},0,0,0,{M}\n3,{2 * A},0,0,1,0\n"
     text = f"[cable]\nmodulus = 1e10\narea = 1e-4\ndensity = 1e-3\nprestress = {T}\n[modes]\ncount = 1\n"
     text += f"[load]\n{load}[[case]]\nname = 'cold'\nset = {{\"load.temperature\" = -5.0}}\n"
     with workshop.solve(text, nodes, "start,end\n1,2\n2,3\n") as f:
         assert f"lowest modes {about}, largest" in " ".join(modes(f).get_suptitle().split())
+        lines = []
+        print_info(Path(f.filename), lines.append)
+    period = 2.0 * np.pi * np.sqrt(M * A / (2.0 * T))
+    assert f"modes {about}: periods {period:.4g} s" in lines
 
 
 def test_the_damping_ratio_is_that_of_the_oscillator():

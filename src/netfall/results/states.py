@@ -74,6 +74,16 @@ def start_position(f: Any) -> np.ndarray:
     return form_position(f) + (f[last]["displacement"][:] if last else 0.0)
 
 
+def modes_equilibrium(f: Any) -> tuple[np.ndarray, str]:
+    """Return the positions (n, 3) [m] of the equilibrium to which the modes refer, and its name."""
+    x = start_position(f)
+    if "initial_state" in f:
+        return f["initial_state/position"][:], "in the initial state"
+    if "statics" in f:  # without wind, modes refer to the end of the static steps
+        return x + f["statics/displacement"][-1], "under the static loads"
+    return x, "before any static load"
+
+
 def support_angles(f: Any) -> np.ndarray | None:
     """Return the angles (n,) [degrees] of the support axes about z, None if all are along x, y and z."""
     return f["net/angle"][:] if "angle" in f["net"] else None

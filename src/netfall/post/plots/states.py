@@ -208,12 +208,7 @@ def modes(f: h5py.File) -> Figure | None:
     """
     if not len(f["modes/period"]):
         return None
-    x, elements, about = results.start_position(f), f["net/elements"][:], "before any static load"
-    if "initial_state" in f:
-        x, about = f["initial_state/position"][:], "in the initial state"
-    elif "statics" in f:  # without wind, modes refer to the end of the static steps
-        x, about = x + f["statics/displacement"][-1], "under the static loads"
-    seen = roof_axes(f)
+    (x, about), elements, seen = results.modes_equilibrium(f), f["net/elements"][:], roof_axes(f)
     flat = along_axes(x, seen)[:, :2]
     lines = elements[:: max(1, len(elements) // canvas.MAX_DRAWN)]
     shape, held = f["modes/shape"][:DRAWN], np.any(held_axes(f), 1)

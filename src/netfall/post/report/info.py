@@ -105,6 +105,7 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
             (file.notes_of_run, True),
             (_form, "form_finding" in f),
             (_equilibria, True),
+            (_modes, "modes" in f),
             (_dynamics, has_dynamics),
             (_wind, "wind" in f),
             (states.described_removals, "removal" in f),
@@ -185,6 +186,12 @@ def _equilibria(f: h5py.File) -> Iterator[str]:
             yield f"{last['title']}: {state}: {last['reason']}{where}; {shown}"
 
 
+def _modes(f: h5py.File) -> Iterator[str]:
+    """Yield the line on the longest natural periods."""
+    periods = ", ".join(f"{period:.4g}" for period in f["modes/period"][:FIRST_EVENTS])
+    yield f"modes {states.modes_equilibrium(f)[1]}: periods {periods} s"
+
+
 def _dynamics(f: h5py.File) -> Iterator[str]:
     """Yield the lines on time steps, history and step limits of the dynamic stage."""
     h, p = f["history"], f["provenance"].attrs
@@ -221,7 +228,7 @@ def _energies(f: h5py.File) -> Iterator[str]:
     names = [*ENERGIES, *(name for name in OPTIONAL_ENERGIES if name in h)]
     finite = [name for name in names if np.isfinite(h[name][-1])]
     at_end = [f"{name.replace('_', ' ')} {h[name][-1]:.4g}" for name in finite]
-    yield "energy at the end [J]: " + ", ".join(at_end)
+    yield "change of energy over the stage [J]: " + ", ".join(at_end)
     if len(finite) < len(names):
         yield "energy check: none, the job has [output] energy = false"
         return
