@@ -41,7 +41,7 @@ from netfall.post.plots.canvas import (
     set_figure_title,
 )
 from netfall.post.plots.collapse import collapse, select_snapshots
-from netfall.post.plots.curves import displacements, load_displacement
+from netfall.post.plots.curves import displacements, load_displacement, tensions, wind
 from netfall.post.plots.film import FilmView, animate
 from netfall.post.plots.force import OF_MOTION, ForceScale, add_force_scales
 from netfall.post.plots.run import file_suffix, plot_all, plot_state
@@ -266,6 +266,19 @@ def test_a_plot_removes_pictures_of_an_earlier_result(workshop):
     (folder / "result_modes.png").write_text("of the user")
     assert plot_all(result, folder) == drawn
     assert {*folder.glob("*.png")} == {*drawn, folder / "result_modes.png"}
+
+
+def test_the_largest_force_of_each_group_is_drawn_and_no_steady_wind(workshop):
+    """Suction stretches the sagging cables x. No speed changes, so a picture of speeds shows nothing."""
+    steady = STORM.replace("surface_drag = 0.03", "surface_drag = 0.0")
+    with workshop.solve(f"{saddle('')}{steady}[dynamics]\nduration = 0.2\n") as f:
+        peak, group = f["envelope/tension_max"][:], f["net/group"][:]
+        lines = tensions(f).axes[0].lines
+        labels = [line.get_label() for line in lines if "element" in line.get_label()]
+        largest = {name: np.argmax(np.where(group == k, peak, 0.0)) for k, name in enumerate("xy")}
+        assert wind(f) is None and sorted(label.split(" (")[0] for label in labels) == [
+            f"{name} element {f['net/element_id'][e]}" for name, e in largest.items()
+        ]
 
 
 def test_a_plot_keeps_the_picture_of_a_case_named_wind(workshop):

@@ -151,7 +151,7 @@ def mark_events(axes: Axes, f: h5py.File) -> None:
 
 
 def tensions(f: h5py.File) -> Figure:
-    """Draw tension histories of the elements that the job names, or of probes and of the first to break.
+    """Draw the axial force of the elements that the job names, or of probes and of the first to break.
 
     After its fracture an element has a thin line, because it swings freely (paper Fig. 13). Curves that are
     much larger than the others have a separate panel.
@@ -163,6 +163,7 @@ def tensions(f: h5py.File) -> Figure:
     height = 4.8 if len(parts) == 1 else 7.0
     figure, panels = canvas.open_charts(len(parts), 1, 9, height, sharex="col")
     broken, removal_time = fracture_times(f), removal_times(f)
+    group = f["net/group_names"].asstr()[:][f["net/group"][:]]
     for axes, rows in zip(panels[:, 0], parts):
         factor, unit = canvas.unit_of(peak[rows].max(), "N")
         for k in rows:
@@ -170,7 +171,7 @@ def tensions(f: h5py.File) -> Figure:
             end = np.fmin(broken[e], removal_time[e])
             note = f", {'breaks' if end == broken[e] else 'removed'} at {end:.3f} s" if end >= 0 else ""
             intact, colour = ~(t > end), f"C{k % 10}"
-            label = f"element {element_name(f['net'], e)}{note}"
+            label = " ".join(f"{group[e]} element {element_name(f['net'], e)}{note}".split())
             axes.plot(t[intact], factor * N[intact], lw=1, color=colour, label=label)
             axes.plot(t[~intact], factor * N[~intact], lw=0.5, color=colour, alpha=0.35)
         values = factor * np.concatenate([curves[k][1] for k in rows])
@@ -182,7 +183,7 @@ def tensions(f: h5py.File) -> Figure:
     panels[-1, 0].set_xlabel("time [s]")
     mark_events(panels[0, 0], f)
     canvas.add_legend_below(figure, *panels[:, 0], ncols=3)
-    canvas.set_figure_title(figure, result_title(f), ": tensions")
+    canvas.set_figure_title(figure, result_title(f), ": axial forces")
     return figure
 
 
@@ -190,7 +191,7 @@ def _tension_curves(f: h5py.File) -> list[tuple[np.ndarray, np.ndarray, int]]:
     """Return times, tensions and element of each curve.
 
     The elements are those named in the job; otherwise elements at probes and the first to break; otherwise
-    the element with the largest force.
+    those with the largest force of their group.
     """
     h, frames, curves = f["history"], Frames(f), []
     if "element_tension" in h:
@@ -203,11 +204,17 @@ def _tension_curves(f: h5py.File) -> list[tuple[np.ndarray, np.ndarray, int]]:
     elements = list(dict.fromkeys(e for e in f["events/element"][:].tolist() if e not in chosen))
     elements = elements[: max(2, MOST_CURVES - len(curves))] if len(steps) > 1 else []
     if not curves and not elements:
-        N = np.array([frames.cell("tension", s) for s in (0, len(steps) - 1)])
-        elements = [int(np.abs(N).max(0).argmax())]
-    for e in elements:
-        curves.append((frames.times, np.array([frames.cell("tension", s)[e] for s in steps]), e))
-    return curves
+        elements = _most_stressed(f)
+    N = np.array([frames.cell("tension", s)[elements] for s in steps])
+    return curves + [(frames.times, N[:, k], e) for k, e in enumerate(elements)]
+
+
+def _most_stressed(f: h5py.File) -> list[int]:
+    """Return the element with the largest force in motion of each group, the largest forces first."""
+    peak, group = np.fmax(f["envelope/tension_max"][:], -f["envelope/tension_min"][:]), f["net/group"][:]
+    rows = np.argsort(-peak, kind="stable")
+    first = np.unique(group[rows], return_index=True)[1]
+    return rows[np.sort(first)][:MOST_CURVES].tolist()
 
 
 def displacements(f: h5py.File) -> Figure | None:
@@ -270,18 +277,20 @@ def slips(f: h5py.File) -> Figure:
     return figure
 
 
-def wind(f: h5py.File) -> Figure:
-    """Draw wind speeds at a few control points, or pressures at a few taps."""
+def wind(f: h5py.File) -> Figure | None:
+    """Draw wind speeds at a few control points, or pressures at a few taps. None if they are constant."""
     g = f["wind"]
     tapped = "pressure" in g
     t, values = g["time"][:], g["pressure" if tapped else "speed"][:]
+    if not np.ptp(values, axis=0).any():
+        return None
     points = g["tap" if tapped else "control_point"][:]
     figure, ((axes,),) = canvas.open_charts(1, 1, 9, 4.2)
     for k in np.unique(np.linspace(0, values.shape[1] - 1, 3).astype(int)):
         position = ", ".join(f"{coordinate:.0f}" for coordinate in points[k])
         axes.plot(t, values[:, k], lw=0.9, label=f"at ({position}) m")
     if not tapped:
-        axes.axhline(g["mean_speed"][:].mean(), color="0.5", lw=0.8, ls="--", label="mean of all nodes")
+        axes.axhline(g["mean_speed"][:].mean(), color="0.5", lw=0.8, ls="--", label="mean of all points")
     ylabel = "pressure, positive presses [N/m2]" if tapped else "wind speed [m/s]"
     axes.set(xlabel="time [s]", ylabel=ylabel)
     canvas.add_legend_below(figure, axes)
