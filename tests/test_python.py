@@ -65,9 +65,14 @@ def here(tmp_path, monkeypatch):
 
 def test_importing_netfall_loads_neither_compiler_nor_mpi():
     heavy = "numba, mpi4py, numpy, h5py, matplotlib"
-    text = f"import netfall, sys; print([n for n in '{heavy}'.split(', ') if n in sys.modules])"
+    text = f"import netfall, sys; dir(netfall); print([n for n in '{heavy}'.split(', ') if n in sys.modules])"
     done = run_process(BIN / "python", "-c", text)
     assert done.stdout.strip() == "[]", done.stderr
+
+
+def test_the_names_of_the_interface_are_listed():
+    """An interpreter completes `netfall.` to names that are not imported yet, and to no others."""
+    assert dir(netfall) == sorted([*netfall.__all__, "__version__"])
 
 
 def test_a_net_from_arrays_moves_and_breaks_as_in_the_tutorial(here, standing):

@@ -65,3 +65,8 @@ def __getattr__(name: str) -> "Any":
     if name in ("Net", "Result"):
         return getattr(import_module("netfall.api.net" if name == "Net" else "netfall.results.reader"), name)
     raise AttributeError(f"module 'netfall' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """Return the names of the interface, also those not imported yet."""
+    return [*__all__, "__version__"]
