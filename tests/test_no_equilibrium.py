@@ -241,7 +241,7 @@ def test_the_search_brackets_the_limit():
         whole = trial(1.0)
         low, high = search_limit(trial, Trial(0.0, NO_UTILISATION), whole, lambda *ends: None)
         assert low.factor <= 0.37 < high.factor and high.factor - low.factor <= 0.004 * high.factor
-        assert len(factors) < 20
+        assert len(factors) < 17
 
 
 def test_relaxation_replaces_the_interior_point_method_in_the_search(workshop, monkeypatch):

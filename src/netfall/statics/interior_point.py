@@ -26,6 +26,7 @@ from netfall.core.functions import lengths, log
 from netfall.core.timings import StopFlag, StopRequested
 from netfall.parallel.mpi import MPI
 from netfall.parallel.sums import exact_sums
+from netfall.physics.law.measures import REACHED_SHARE
 from netfall.physics.state import State
 from netfall.statics import messages
 from netfall.statics.bounds import LARGE_SHARE, MOST_STEPS
@@ -34,7 +35,7 @@ from netfall.statics.relaxation import UnboundedDisplacement
 
 # lowest strain [-] used to choose the initial barrier parameter: the strain of slack cables is not a scale
 MIN_INITIAL_STRAIN = 1e-4
-# initial barrier parameter over the energy of an element [-]; plastic flow means large strains
+# initial barrier parameter over the energy of an element [-]; first plastic flow means large strains
 ELASTIC_BARRIER, PLASTIC_BARRIER = 0.2, 100.0
 # ratio of successive barrier parameters [-]: 0.04 took 13 % more iterations (jobs/bench). A step leaves at
 # least this share of a tension and of its distance from the limit. The first tension is at least this share
@@ -70,13 +71,14 @@ class InteriorPoint:
         self.eps_p = state.eps_p[rows] if plastic else np.zeros(len(rows))
         elements = state.present_element_state()
         N = np.maximum(elements.N[rows], MIN_INITIAL_STRAIN * self.EA)[own]
-        yields = int(np.isfinite(self.limit[own]).any())
-        self.count, yields = newton.comm.allreduce(np.array([len(N), yields]))
+        limit, yielding = self.limit[own], elements.N[rows] >= REACHED_SHARE * self.limit
+        counts = np.array([len(N), np.isfinite(limit).any(), yielding[own].any()], np.int64)
+        self.count, can_yield, has_yielded = newton.comm.allreduce(counts)
         if not self.count:
             raise NoConvergence("there are no cables")
         energies = 0.5 * N * N / self.EA[own] * self.L0[own]
         self.energy = exact_sums(newton.comm, energies)[0] / self.count
-        self.barrier = (PLASTIC_BARRIER if yields else ELASTIC_BARRIER) * self.energy
+        self.barrier = (PLASTIC_BARRIER if can_yield and not has_yielded else ELASTIC_BARRIER) * self.energy
         self.size, self.errors = np.inf, (np.inf, np.inf)
         self._initialise(elements.L[rows])
 

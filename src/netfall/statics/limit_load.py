@@ -62,9 +62,6 @@ class Trial(NamedTuple):
         return self.utilisation.most < np.inf
 
 
-UNLOADED = Trial(0.0, NO_UTILISATION)
-
-
 def yield_strains(state: State) -> np.ndarray:
     """Compute the strain (m,) of yielding elements over their limit strain; 0: elastic, or broken."""
     if not state.features.plastic:
@@ -191,11 +188,12 @@ def _next_trial(low: Trial, high: Trial, repeats: int) -> float:
     repeats : how often the high end has stayed; less than 0: the low end
 
     The Illinois rule halves the residual of an end that stays, so the search approaches the limit from both
-    sides.
+    sides. A utilisation far above 1 says little on the factor, except in proportion from the unloaded net.
     """
-    reserve, excess = 1.0 - low.utilisation.most, high.utilisation.most - 1.0
-    share, margin = 0.5, 0.5 * BRACKET_WIDTH * high.factor / (high.factor - low.factor)
-    if excess < np.inf:
-        reserve, excess = reserve * 0.5 ** max(-repeats - 1, 0), excess * 0.5 ** max(repeats - 1, 0)
-        share = min(max(reserve / (reserve + excess), margin), 1.0 - margin)
+    reserve, excess = max(1.0 - low.utilisation.most, 0.0), high.utilisation.most - 1.0
+    if low.factor > 0.0 or excess == np.inf:
+        excess = min(excess, 1.0)
+    margin = 0.5 * BRACKET_WIDTH * high.factor / (high.factor - low.factor)
+    reserve, excess = reserve * 0.5 ** max(-repeats - 1, 0), excess * 0.5 ** max(repeats - 1, 0)
+    share = min(max(reserve / (reserve + excess), margin), 1.0 - margin)
     return low.factor + share * (high.factor - low.factor)

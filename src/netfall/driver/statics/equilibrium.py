@@ -298,8 +298,8 @@ class Search:
                 best, equilibrium = save_state(state), trial_equilibrium
             return Trial(share, utilisation)
 
-        high = Trial(1.0, full_load)
-        low, high = limit_load.search_limit(trial, limit_load.UNLOADED, high, self.say_bracket)
+        low, high = Trial(0.0, self.utilisation()), Trial(1.0, full_load)
+        low, high = limit_load.search_limit(trial, low, high, self.say_bracket)
         restore_saved(state, best)
         if 0.0 < low.factor < 1.0:
             try:
