@@ -130,6 +130,29 @@ def run_here(workshop, job):
     run_job(MPI.COMM_SELF, read_job(job), workshop.folder / "turns.vtkhdf", Progress(True))
 
 
+def test_two_jacks_reach_forces_that_need_a_large_motion(workshop):
+    """Two cables of a node with a weight are given forces, and the node moves by 1.7 m.
+
+    Expected: the node where both forces, the elastic force of the third cable and the weight balance.
+    """
+    elements = "id,start,end,group,unstressed_length\n1,1,3,left,5.5\n2,2,3,right,5.5\n3,3,4,stay,5.2\n"
+    jacks = stage("hung") + stage("pulled", lengths="{left = {force = 1000.0}, stay = {force = 6000.0}}")
+    job = CABLES + "[load]\nself_weight = false\n" + jacks
+    with workshop.solve(job, NODES + "4,4,0,-8,1,0\n", elements) as f:
+        N = f["stages/pulled/tension"][:]
+    supports = np.array([[0.0, 0.0], [SPAN, 0.0], [4.0, -8.0]])
+
+    def forces(at):
+        L = np.hypot(*(supports - at).T)
+        return np.array([1000.0, EA * (L[1] / 5.5 - 1.0), 6000.0]), L
+
+    def balance(at):
+        force, L = forces(at)
+        return ((force / L) @ (supports - at) - [0.0, WEIGHT]) / WEIGHT
+
+    assert N == pytest.approx(forces(fsolve(balance, (5.0, -4.5), xtol=1e-13))[0], rel=10 * FOUND)
+
+
 def test_a_jack_force_below_yield_leaves_no_plastic_strain(workshop):
     """Trials of the search exceed the yield force of 100 kN; the jack force is 99 kN."""
     nodes = f"{NODES}4,4,3,-6,1,0\n5,4,-3,-6,1,0\n"

@@ -56,7 +56,7 @@ from netfall.statics.newton import STABLE, NoConvergence
 # error over the target value, or over the largest force [-], below which a target is reached
 TARGET_TOLERANCE = 1e-6
 MAX_TARGET_EQUILIBRIA = 40
-DIVERGENCE_FACTOR = 2.0  # ratio to the last error [-], above which the step was too long
+DIVERGENCE_FACTOR = 100.0  # ratio to the least error [-], above which a step was too long (stiff cables)
 MIN_INFLUENCE = 1e-9  # influence over the largest influence on a target [-], below which it counts as zero
 MAX_LENGTH_CHANGE = 0.2  # largest change of a cable's length in one step, over its length [-]
 
