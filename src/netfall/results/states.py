@@ -215,7 +215,7 @@ def group_equilibria(f: Any, name: str) -> Iterator[StateView]:
     x = form_position(f) if name.startswith("stages/") else start_position(f)
     group, words = f[name], group_title(f, name)
     failed = no_equilibrium(group)
-    ended = f", {group.attrs['state'].replace('_', ' ')}" * failed
+    ended = f", {group.attrs['state'].replace('_', ' ')}" if failed else ""
     if "load_factor" not in group:
         factor = group.attrs["load_factor"] if failed else np.nan
         reached = f", load factor {factor:.4g}, reached of 1" if factor == factor else ended
