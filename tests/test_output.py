@@ -417,7 +417,7 @@ def test_a_mast_and_its_guys_have_no_edge_through_the_supports(workshop):
     """Four supports that surround the guys in plan, around no roof."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,-2,3.4641016,0,1\n3,-2,-3.4641016,0,1\n4,4,0,0,1\n5,0,0,6,0\n"
     elements = "start,end,group\n1,5,mast\n2,5,guy\n3,5,guy\n4,5,guy\n"
-    text = STEEL.replace("100e3", "0.0") + MAST.replace("-50e3", "0.0")
+    text = STEEL.replace("100e3", "1e3") + MAST.replace("-50e3", "-2496.15")  # 3 x 1 kN x 6 m / 7.21 m
     text += "[load]\nself_weight = true\nsteps = 1\n"
     with workshop.solve(text, nodes, elements) as f:
         assert [line.get_label() for line in states(f).axes[0].lines] == ["supports, 4"]
