@@ -121,7 +121,7 @@ def make_snapshot(state: State) -> Snapshot:
         attached=np.zeros(n, np.uint8) if f.detaches else empty(u1),
         attached_elements=np.zeros(m, np.uint8) if f.detaches else empty(u1),
         sums=np.zeros((len(terms) + 2 + extra_sums, LIMBS), np.int64),
-        slack=np.zeros(1, np.int64),
+        slack=np.zeros(3, np.int64),
         f_branches=np.zeros(vectors) if f.band else empty(f8_2),
         scratch=make_scratch(state),
     )
@@ -138,6 +138,7 @@ def snapshot_input(state: State) -> energy_check.ObservedState:
         feature_bits(state),
         state.particles,
         state.elements,
+        state.slots,
         state.law,
         state.joints or Joints.absent(),
         state.slip_points or SlipPoints.absent(),

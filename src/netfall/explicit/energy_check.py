@@ -10,12 +10,22 @@ import math
 import numpy as np
 
 from netfall.core.arrays import FloatArray, IntArray, Integer
-from netfall.core.kernels import call, copied_kernel, inner_kernel, kernel, part_of_kernel, routine
+from netfall.core.kernels import (
+    call,
+    copied_kernel,
+    each,
+    inner_kernel,
+    kernel,
+    meet,
+    part_of_kernel,
+    routine,
+    total,
+)
 from netfall.core.records import Record, f8, f8_2, i8, i8_2, is_present, real, u1, whole
 from netfall.core.vectors import LANES, fma, load, load_mask, store_below, where, zeros
 from netfall.explicit.forces import Scratch
 from netfall.explicit.motion import damped_mass, force_along_guides, free_force, total_forces
-from netfall.parallel.sums import add_exactly, add_term
+from netfall.parallel.sums import LIMBS, add_exactly, add_term
 from netfall.physics.air import RelativeWind
 from netfall.physics.bending import Joints, add_bending_forces, joint_energy
 from netfall.physics.elements import (
@@ -24,7 +34,7 @@ from netfall.physics.elements import (
     compute_element_state,
     element_energies_at,
 )
-from netfall.physics.fields import Elements, Particles
+from netfall.physics.fields import Elements, Particles, Slots
 from netfall.physics.law.branches import add_branches, set_branches
 from netfall.physics.law.law import LawParameters
 from netfall.physics.particle_step import next_v, works_of_motion
@@ -47,6 +57,7 @@ class ObservedState(Record):
     traits: whole
     particles: Particles
     elements: Elements
+    slots: Slots
     law: LawParameters
     joints: Joints
     slip_points: SlipPoints
@@ -67,7 +78,7 @@ class ObservationArrays(Record):
     attached, attached_elements : (n,), (m,) 1 if connected to a support; absent if nothing can be cut free
     sums : (k, LIMBS) exact sums of this rank: terms, stored, heat, sprung, kinetic and stored energy of the
         attached part, friction of slips
-    slack : (1,) number of unbroken slack cables of this rank
+    slack : (3,) number of unbroken slack cables of this rank; work array of threads
     f_branches : (3, n) [N] of the Maxwell branches alone; absent if there are none
     scratch : for a span of particles
     """
@@ -105,7 +116,7 @@ def particle_energies(
     """
     particles, scratch = observed.particles, observation.scratch
     length = scratch.margin.shape[0] - LANES
-    for low in range(first, last, length):
+    for low in each(first, last, length):
         high = min(low + length, last)
         for k in range(3):
             for p in range(low, high):
@@ -191,12 +202,12 @@ def span_energies(
 def spring_energies(first: int, last: int, before: int, particles: Particles, energy: FloatArray) -> None:
     """Write the energy [J] in elastic supports of particles first to last; output row = particle - before."""
     x, start, spring, rest = particles.x, particles.x_start, particles.spring, particles.spring_rest
-    for p in range(first, last):
-        total = 0.0
+    for p in each(first, last):
+        energies = 0.0
         for k in range(3):
             elongation = (x[k, p] - start[k, p]) - rest[k, p]
-            total += spring[k, p] * elongation * elongation
-        energy[p - before] = 0.5 * total
+            energies += spring[k, p] * elongation * elongation
+        energy[p - before] = 0.5 * energies
         if is_present(particles.turned):
             elongation, across = (x[0, p] - start[0, p]) - rest[0, p], (x[1, p] - start[1, p]) - rest[1, p]
             energy[p - before] += particles.turned[2, p] * elongation * across
@@ -212,12 +223,13 @@ def add_attached_energies(
     owned : number of owned particle rows, which come first
     """
     detached, elements = observed.particles.detached, observed.elements
-    for i in range(owned):
+    for i in each(0, owned):
         p = i if i < observed.n_owned else observed.first_split + i - observed.n_owned
         observation.attached[i] = 1 - detached[p]
-    for e in range(observation.attached_elements.shape[0]):
+    for e in each(0, observation.attached_elements.shape[0]):
         loose = detached[elements.ends[e, 0]] & detached[elements.ends[e, 1]]
         observation.attached_elements[e] = elements.owned[e] & (1 - loose)
+    meet()
     add_exactly(observation.terms[0, :owned], observation.attached, limbs)
     add_exactly(observation.stored, observation.attached_elements, limbs)
 
@@ -273,7 +285,7 @@ def add_slip_energies(
 def count_slack(now: ElementState, elements: Elements) -> Integer:
     """Count the unbroken slack cables of this rank."""
     slack = 0
-    for e in range(np.uint64(now.N.shape[0])):
+    for e in each(np.uint64(0), np.uint64(now.N.shape[0])):
         intact = (elements.bar[e] == 0) & (elements.broken[e] == 0) & (elements.owned[e] == 1)
         slack += np.int64((now.N[e] == 0.0) & intact)
     return slack
@@ -305,6 +317,14 @@ def owned_spans(observed: ObservedState) -> tuple[tuple[Integer, Integer, Intege
     return (zero, n_owned, zero), (first_split, observed.rows[0], first_split - n_owned)
 
 
+@copied_kernel
+def sum_axial_forces(x: FloatArray, observed: ObservedState, observation: ObservationArrays) -> None:
+    """Compute f_int from the axial forces at x (n, 3) [m]."""
+    observation.f_int[:] = 0.0
+    now = observation.now
+    add_axial_forces(x, observed.elements.ends, now.N, now.L, observation.f_int.T)
+
+
 @routine(real, real, real, real, whole, ObservedState, ObservationArrays)
 def observe(
     before_dt: float,
@@ -322,10 +342,11 @@ def observe(
     particles, elements, law, now = observed.particles, observed.elements, observed.law, observation.now
     x = particles.x[:, : observed.rows[0]].T  # in the layout that Python passes: one compilation serves both
     compute_element_state(x, elements, law, now)
-    observation.f_int[:] = 0.0
-    add_axial_forces(x, elements.ends, now.N, now.L, observation.f_int.T)
+    meet()
+    sum_axial_forces(x, observed, observation)
     if observed.add_rare_forces != 0:
         call(observed.add_rare_forces, (before_dt, dt, observed, observation))
+    meet()
     if not with_energies:
         return 0
     heat, terms, stored, sums = observation.heat, observation.terms, observation.stored, observation.sums
@@ -335,9 +356,12 @@ def observe(
         call(observed.set_air_forces, (dt_v, zeta, share, 1, observed.relative, particles))
     for first, last, before in owned_spans(observed):
         particle_energies(first, last, before, part, dt_v, zeta, share, observed, observation)
-    for e in range(now.N.shape[0]):
+    for e in each(0, now.N.shape[0]):
         stored[e], heat[e] = element_energies_at(e, elements, now, law)
-    sums[:] = 0
+    for i in range(sums.shape[0]):
+        for j in each(0, LIMBS):
+            sums[i, j] = 0
+    meet()
     last, unmasked = terms.shape[0], elements.owned[:0]
     for k in range(last):
         add_exactly(terms[k, :owned], unmasked, sums[k])
@@ -350,7 +374,8 @@ def observe(
         call(observed.add_rare_energies, (owned, observed, observation))
     if observed.add_slip_energies != 0:
         call(observed.add_slip_energies, (part, dt_v, share, observed, observation))
-    observation.slack[0] = count_slack(now, elements)
+    observation.slack[0] = total(count_slack(now, elements), observation.slack[1:])
+    meet()
     return 0
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.arrays import FloatArray, IntArray, Integer
-from netfall.core.kernels import call, inner_kernel, part_of_kernel
+from netfall.core.kernels import call, each, inner_kernel, part_of_kernel
 from netfall.core.records import is_present
 from netfall.core.vectors import LANES
 from netfall.explicit.incidence import collect_element, empty_slot, fill_slot, slot_of
@@ -101,19 +101,13 @@ def exceeds_fracture_strain(e: int, eps: float, elements: Elements) -> bool:
 
 @inner_kernel
 def any_exceeds_fracture_strain(x: FloatArray, elements: Elements, law: LawParameters) -> bool:
-    """Return whether an element exceeds its fracture strain at x (3, n) [m]."""
-    for e in range(elements.ends.shape[0]):
-        exceeds = exceeds_strain_at(e, x, elements, law)
-        if exceeds:
+    """Return whether an element of this thread exceeds its fracture strain at x (3, n) [m]."""
+    for e in each(0, elements.ends.shape[0]):
+        L = particle_distance(np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1]), x)
+        eps = strain(L, elements.L0[e], law)
+        if elements.EA[e] != 0.0 and exceeds_fracture_strain(e, eps, elements):
             return True
     return False
-
-
-@part_of_kernel
-def exceeds_strain_at(e: int, x: FloatArray, elements: Elements, law: LawParameters) -> bool:
-    """Return whether element e exceeds its fracture strain at x (3, n) [m]."""
-    L = particle_distance(np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1]), x)
-    return elements.EA[e] != 0.0 and exceeds_fracture_strain(e, strain(L, elements.L0[e], law), elements)
 
 
 @inner_kernel

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from netfall.core.arrays import AnyArray, IntArray, Integer
-from netfall.core.kernels import copied_kernel, inner_kernel, kernel
+from netfall.core.kernels import copied_kernel, each, inner_kernel, kernel
 from netfall.core.records import is_present
 from netfall.core.vectors import LANES
 from netfall.physics.fields import EMPTY, Elements, Particles, Slots, fields_of
@@ -143,7 +143,7 @@ def collect_elements(
     n_owned: int, first_split: int, elements: Elements, slots: Slots, law: LawParameters
 ) -> None:
     """Update all elements that this rank steps from their slots."""
-    for e in range(elements.ends.shape[0]):
+    for e in each(0, elements.ends.shape[0]):
         if elements.EA[e] != 0.0:
             collect_element(e, n_owned, first_split, elements, slots, law)
 

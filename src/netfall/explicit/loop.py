@@ -22,7 +22,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from netfall.core.arrays import FloatArray
-from netfall.core.kernels import call, copied_kernel, inner_kernel, kernel, part_of_kernel, routine
+from netfall.core.kernels import (
+    call,
+    copied_kernel,
+    each,
+    inner_kernel,
+    kernel,
+    leads,
+    meet,
+    part_of_kernel,
+    routine,
+)
 from netfall.core.records import Record, f8, f8_2, i8, is_present, real, u1, whole
 from netfall.core.vectors import LANES
 from netfall.explicit import forces
@@ -111,6 +121,7 @@ class LoopState(Record):
     traits : feature bits of the rank, of `motion`
     y : (3, n) [m] second position array, swapped with that of `particles`
     bends : joints of bending chains; breaks : 1 if elements may break
+    counts : (3,) breaking elements of this step, the next and the last; only on a GPU
     seconds : (4,) [s] accumulated time of FORCES, EXCHANGE, INTEGRATION, ROWS; absent: not measured
     elastic_forces and following : addresses of routines, 0 for what the problem lacks
     inelastic_forces : `yielding_forces` or `general_forces`; move_chunk : `move_plain` or `move_any`
@@ -133,6 +144,7 @@ class LoopState(Record):
     relative: RelativeWind
     rows: Rows
     buffers: halo.HaloBuffers
+    counts: i8
     seconds: f8
     elastic_forces: whole
     inelastic_forces: whole
@@ -163,8 +175,9 @@ def return_positions(in_second: bool, work: LoopState) -> bool:
     x, y = work.particles.x, work.y
     if in_second:
         for k in range(3):
-            for p in range(work.spare.rows[0]):
+            for p in each(0, work.spare.rows[0]):
                 x[k, p] = y[k, p]
+    meet()
     return False
 
 
@@ -370,7 +383,10 @@ def step_particles(turned: int, dt_v: float, zeta: float, share: float, dt: floa
 def break_pending(count: Any, in_second: Any, number: Any, dt: Any, stride: Any, work: Any) -> Any:
     """Break `count` of elements.pending in a step. in_second : whether x(n+1) is in the second array"""
     when, x = FractureStep(number * dt, number * stride, dt), both_positions(in_second, work)[0]
-    break_elements(count, when, x, work.chunks, work.elements, work.slots, work.law, work.fractures)
+    meet()
+    if leads():
+        break_elements(count, when, x, work.chunks, work.elements, work.slots, work.law, work.fractures)
+    meet()
     return 0
 
 

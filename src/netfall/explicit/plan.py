@@ -145,6 +145,7 @@ class StepPlan:
             relative=state.relative_wind() or RelativeWind.absent(),
             rows=self.rows.of(state) if self.rows else no_rows(),
             buffers=self.halo.buffers,
+            counts=np.zeros(3, np.int64),
             seconds=empty(f8),
             **step_routines(state),
             make_row=make_row.address_if(self.rows),

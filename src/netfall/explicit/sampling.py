@@ -12,7 +12,18 @@ from typing import Any
 import numpy as np
 
 from netfall.core.arrays import FloatArray, IntArray, Integer
-from netfall.core.kernels import call, copied_kernel, inner_kernel, kernel, part_of_kernel, routine
+from netfall.core.kernels import (
+    agree,
+    call,
+    copied_kernel,
+    each,
+    inner_kernel,
+    kernel,
+    leads,
+    meet,
+    part_of_kernel,
+    routine,
+)
 from netfall.core.records import Record, f8, f8_2, i8, i8_2, i8_3, is_present, real, whole
 from netfall.core.vectors import bits_of, number_of
 from netfall.explicit.energy_check import ObservationArrays, ObservedState
@@ -130,18 +141,18 @@ def make_row(
     update_envelope(number, share, rows)
     if not due:
         return 0
-    made, table, k, sums = rows.made, rows.table, rows.made[1], rows.observation.sums
+    table, row, k, sums = rows.table, rows.made[0], rows.made[1], rows.observation.sums
     table.number[k], table.slack[k] = number, rows.observation.slack[0]
     table.time_step[k] = before_dt if before_dt > 0.0 else dt
     for i in range(sums.shape[0]):
-        for j in range(sums.shape[1]):
+        for j in each(0, sums.shape[1]):
             table.sums[k, i, j] = sums[i, j]
     read_probes(rows, table.probes[k])
-    speed, fastest = find_fastest(0, 1, rows)
-    strain, strained = find_most_strained(0, 1, rows)
-    write_largest(speed, fastest, strain, strained, rows, table.size[k], table.who[k])
-    made[0] += 1
-    made[1] += 1
+    speed, fastest = find_fastest(rows)
+    strain, strained = find_most_strained(rows)
+    if leads():
+        write_largest(speed, fastest, strain, strained, rows, table.size[k], table.who[k])
+    rows.made[0], rows.made[1] = row + 1, k + 1
     return 0
 
 
@@ -153,14 +164,13 @@ def update_envelope(number: int, share: float, rows: Rows) -> None:
     """
     time = number * rows.dt
     since = time - rows.last[0] * rows.dt
-    rows.last[0] = number
     tension, elements = rows.tension, rows.observed.elements
-    for e in range(tension.shape[1]):
+    for e in each(0, tension.shape[1]):
         update_element_envelope(e, time, since, rows)
-    for p in range(rows.displacement.shape[1]):
+    for p in each(0, rows.displacement.shape[1]):
         update_particle_envelope(p, time, rows)
     scratch, f_int = rows.observation.scratch, rows.observation.f_int
-    for i in range(rows.supports.shape[0]):
+    for i in each(0, rows.supports.shape[0]):
         for k in range(3):
             scratch.f[k, 0] = f_int[k, rows.supports[i]]
         update_reaction_envelope(i, time, share, rows, scratch)
@@ -168,6 +178,8 @@ def update_envelope(number: int, share: float, rows: Rows) -> None:
         update_tension_envelope(time, elements.highest, elements.lowest, tension)
     if is_present(rows.moment):
         call(rows.update_moments, (rows,))
+    meet()
+    rows.last[0] = number
 
 
 @part_of_kernel
@@ -284,19 +296,11 @@ def update_tension_envelope(
     time: float, highest: FloatArray, lowest: FloatArray, tension: FloatArray
 ) -> None:
     """Update the tension envelope (4, m) with extremes (m,) up to a time [s]; lowest may be absent."""
-    for e in range(tension.shape[1]):
-        update_tension_envelope_at(e, time, highest, lowest, tension)
-
-
-@part_of_kernel
-def update_tension_envelope_at(
-    e: int, time: float, highest: FloatArray, lowest: FloatArray, tension: FloatArray
-) -> None:
-    """Update the tension envelope of element e; arguments as in `update_tension_envelope`."""
-    if highest[e] > tension[0, e]:
-        tension[0, e], tension[1, e] = highest[e], time
-    if is_present(lowest):
-        tension[2, e] = min(tension[2, e], lowest[e])
+    for e in each(0, tension.shape[1]):
+        if highest[e] > tension[0, e]:
+            tension[0, e], tension[1, e] = highest[e], time
+        if is_present(lowest):
+            tension[2, e] = min(tension[2, e], lowest[e])
 
 
 @routine(Rows)
@@ -317,11 +321,11 @@ def update_moments(rows: Rows) -> int:
 def read_probes(rows: Rows, values: FloatArray) -> None:
     """Write displacements [m] and tensions [N] of the probes of this rank into one row of values."""
     local, x, start = rows.local, rows.observed.particles.x, rows.observed.particles.x_start
-    for i in range(local.particle.shape[0]):
+    for i in each(0, local.particle.shape[0]):
         p, column = local.particle[i], local.particle_place[i]
         for k in range(3):
             values[column + k] = x[k, p] - start[k, p] + 0.0  # no negative zeros
-    for i in range(local.element.shape[0]):
+    for i in each(0, local.element.shape[0]):
         e = local.element[i]
         N = rows.observation.now.N[e] + 0.0
         values[local.element_place[i]] = N if rows.observed.elements.owned[e] else 0.0
@@ -351,32 +355,29 @@ def bit_magnitude(bits: Integer) -> float:
 
 
 @copied_kernel
-def find_fastest(first: int, step: int, rows: Rows) -> tuple[Integer, Integer]:
-    """Return the bits of the largest speed along an axis of movable particles, and its particle; -1: none.
-
-    first, step : of the output rows of the particles
-    """
+def find_fastest(rows: Rows) -> tuple[Integer, Integer]:
+    """Return the bits of the largest speed along an axis of movable particles, and its particle; -1: none."""
     observed, velocity, free = rows.observed, rows.observation.velocity, rows.observed.particles.free
     halo, best, fastest = observed.first_split - observed.n_owned, np.int64(-1), np.int64(-1)
-    for i in range(first, observed.rows[0] - halo, step):
+    for i in each(0, observed.rows[0] - halo):
         p = i if i < observed.n_owned else i + halo
         bits = np.int64(0)
         for k in range(3):
             bits = max(bits, bits_of(velocity[k, i]) & SIZE)
         if bits > best and (free[0, p] or free[1, p] or free[2, p]):
             best, fastest = bits, p
-    return best, fastest
+    return agree(best, fastest, rows.observation.slack[1:])
 
 
 @copied_kernel
-def find_most_strained(first: int, step: int, rows: Rows) -> tuple[Integer, Integer]:
-    """Return the bits of the largest strain, and its element; -1: none. first, step : of the elements"""
+def find_most_strained(rows: Rows) -> tuple[Integer, Integer]:
+    """Return the bits of the largest strain, and its element; -1: none."""
     eps, best, element = rows.observation.now.eps, np.int64(-1), np.int64(-1)
-    for e in range(first, eps.shape[0], step):
+    for e in each(0, eps.shape[0]):
         bits = bits_of(eps[e]) & SIZE
         if bits > best:
             best, element = bits, e
-    return best, element
+    return agree(best, element, rows.observation.slack[1:])
 
 
 @copied_kernel

@@ -1,12 +1,12 @@
-"""The steps of an interval on a GPU, by the kernels of `netfall.explicit` (see `gpu.target`).
+"""The steps of an interval on a GPU: the time loop of `netfall.explicit`, of which threads share each loop.
 
 A net has all threads, or the threads of one block if several nets advance simultaneously. Of T threads, each
-advances every T-th particle. All threads of a net meet at a barrier in each step, because the forces of step
-n + 1 need the positions of all particles. If elements break, one thread breaks them in the order of their
-numbers, as on the CPU. History rows are in `gpu.rows`.
+takes every T-th particle or element. All threads of a net meet at a barrier in each step, because the forces
+of step n + 1 need the positions of all particles. If elements break, one thread breaks them in the order of
+their numbers, as on the CPU. Sums in history rows have the same bits in any order (`parallel.sums`).
 
-This module is not executed directly: `gpu.target` translates it, and replaces `cuda` by `numba.cuda` and
-`meet` by the barrier.
+This module is not executed directly: `gpu.target` translates it and the loop. Functions in FUNCTIONS replace
+those of the CPU that have the same name.
 """
 
 from collections import namedtuple
@@ -14,24 +14,26 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.records import is_present
+from netfall.explicit import energy_check, sampling
 from netfall.explicit.forces import Scratch, add_forces, general_density_of
-from netfall.explicit.fracture import break_elements, breaks_at, exceeds_strain_at
-from netfall.explicit.incidence import collect_element
-from netfall.explicit.loop import has_room
+from netfall.explicit.fracture import breaks_at
+from netfall.explicit.loop import Interval, both_positions, time_loop
 from netfall.explicit.motion import store_totals, total_forces, update_velocities
-from netfall.explicit.sampling import is_due
-from netfall.gpu.rows import LARGEST, make_row
-from netfall.physics.air import set_air_damping_at, set_drag_at
-from netfall.physics.events import FractureStep
+from netfall.parallel.sums import pieces_of
+from netfall.physics import air
+from netfall.physics.fields import EMPTY
 from netfall.physics.fracture import remove_broken_element, split_particles
 
 # defined by the translation
-cuda: Any = None
+thread: Any = None  # returns the number of this thread of the net
+threads: Any = None  # returns the number of threads of the net
 meet: Any = None  # barrier of the threads of a net
-IN_BLOCKS = False  # whether a net has the threads of one block; otherwise one net has all threads
+set_air_forces: Any = None
+net_number: Any = None  # returns the number of the net of this thread
 net_at: Any = None  # returns the `NetMemory` at an address
 atomic_add: Any = None  # (array, index, value): adds; returns the former value
+atomic_max: Any = None
+atomic_min: Any = None
 ScratchOfThread = namedtuple("ScratchOfThread", list(Scratch.kind.fields))  # type: ignore[misc]
 split: Any = split_particles
 remove: Any = remove_broken_element
@@ -40,9 +42,70 @@ remove: Any = remove_broken_element
 # FIRST to ROW : of an `Interval`; BEGIN : of the inputs of the net
 # MADE, TABLE_ROWS, EVENT_COUNT : out, counters of `Rows` and `Events`
 # DONE, PENDING : out, what `time_loop` returns first and second
-# COUNTS : three numbers of elements that break in this step, the last, and the next
-FIRST, STEPS, STRIDE, TRIAL, ROW, BEGIN, MADE, TABLE_ROWS, EVENT_COUNT, DONE, PENDING, COUNTS = range(12)
-COLUMNS = 18  # with those from `rows.LARGEST` on
+FIRST, STEPS, STRIDE, TRIAL, ROW, BEGIN, MADE, TABLE_ROWS, EVENT_COUNT, DONE, PENDING = range(11)
+COLUMNS = 11
+NO_NUMBER = 1 << 62  # larger than any number of an element or a particle
+
+
+def each(first: Any, last: Any, step: Any = 1) -> Any:
+    """Return the turns of a loop that this thread takes."""
+    return range(np.int64(first) + thread() * step, np.int64(last), threads() * step)
+
+
+def leads() -> Any:
+    """Return whether this is the first thread of the net."""
+    return thread() == 0
+
+
+def total(count: Any, cells: Any) -> Any:
+    """Compute `core.kernels.total`."""
+    meet()
+    if leads():
+        cells[0] = 0
+    meet()
+    atomic_add(cells, 0, count)
+    meet()
+    return cells[0]
+
+
+def agree(size: Any, number: Any, cells: Any) -> Any:
+    """Compute `core.kernels.agree`."""
+    meet()
+    if leads():
+        cells[0], cells[1] = size, NO_NUMBER
+    meet()
+    atomic_max(cells, 0, size)
+    meet()
+    if cells[0] == size:
+        atomic_min(cells, 1, number)
+    meet()
+    return cells[0], cells[1]
+
+
+def add_exactly(values: Any, mask: Any, limbs: Any) -> None:
+    """Compute `parallel.sums.add_exactly`."""
+    for i in each(0, values.shape[0]):
+        if mask.shape[0] == 0 or mask[i] != 0:
+            k, low, middle, high = pieces_of(values[i])
+            atomic_add(limbs, k, low)
+            atomic_add(limbs, k + 1, middle)
+            atomic_add(limbs, k + 2, high)
+
+
+def sum_axial_forces(x: Any, observed: Any, observation: Any) -> None:
+    """Compute f_int from the axial forces at x (n, 3) [m].
+
+    The slots of a particle have the order of element numbers, in which the CPU adds the forces.
+    """
+    slots, now, f_int = observed.slots, observation.now, observation.f_int
+    for p in each(0, x.shape[0]):
+        f_int[0, p], f_int[1, p], f_int[2, p] = 0.0, 0.0, 0.0
+        for s in range(slots.element.shape[0]):
+            if slots.element[s, p] != EMPTY:
+                e, far = int(slots.element[s, p]), int(slots.other[s, p])
+                q = now.N[e] / now.L[e] if now.L[e] > 0.0 else 0.0
+                for k in range(3):
+                    f_int[k, p] += q * (x[far, k] - x[p, k])
 
 
 def break_element(e: Any, time: Any, step: Any, dt: Any, elements: Any, law: Any, fractures: Any) -> Any:
@@ -77,145 +140,73 @@ def step_particle(
                 elements.pending[k] = slots.element[s, p]
 
 
-def set_air_forces(thread: Any, threads: Any, moment: Any, changed: Any, work: Any) -> None:
-    """Compute `physics.air.set_air_forces` with all threads; moment : as in `step_particle`"""
-    dt_v, share, _, zeta = moment
-    particles, relative = work.particles, work.relative
-    if is_present(particles.air) and changed:
-        for p in range(thread, particles.per_mass.shape[0], threads):
-            set_air_damping_at(p, dt_v, zeta, particles)
-    if is_present(particles.drag):
-        for i in range(thread, relative.rows.shape[0], threads):
-            set_drag_at(i, dt_v, share, relative, particles)
-    if is_present(particles.air) or is_present(particles.drag):
-        meet()
+def advance_step(
+    n: Any, in_second: Any, before_dt: Any, dt: Any, zeta: Any, share: Any, changed: Any, work: Any
+) -> Any:
+    """Compute `explicit.loop.advance_step`.
 
-
-def collect_slots(thread: Any, threads: Any, work: Any) -> None:
-    """Update the elements from the quantities that are only in their slots, with all threads."""
-    n_owned, elements, slots = work.chunks.n_owned, work.elements, work.slots
-    if is_present(slots.eps_p) or is_present(slots.highest):
-        for e in range(thread, elements.ends.shape[0], threads):
-            if elements.EA[e] != 0.0:
-                collect_element(e, n_owned, n_owned + work.chunks.n_halo, elements, slots, work.law)
+    Three counters alternate: that of the next step is set to 0 when no thread reads it any more.
+    """
+    dt_v, chunks, scratch = 0.5 * (before_dt + dt), work.chunks, work.scratch
+    if work.set_air_forces != 0:
+        set_air_forces(dt_v, zeta, share, changed, work.relative, work.particles)
+    moment, count, (x, y) = (dt_v, share, dt, zeta), work.counts[n % 3 :], both_positions(in_second, work)
+    if leads():
+        work.counts[(n + 1) % 3] = 0
+    for p in each(0, chunks.n_owned):
+        step_particle(p, chunks.width[p // chunks.size], moment, count, x, y, work, scratch)
+    for p in each(chunks.n_owned + chunks.n_halo, work.spare.rows[0]):
+        step_particle(p, 1, moment, count, x, y, work, scratch)
     meet()
+    return count[0]
+
+
+FUNCTIONS: tuple[Any, ...] = (
+    *(each, leads, total, agree, add_exactly, sum_axial_forces, break_element),
+    *(air.set_air_forces, energy_check.add_rare_forces, energy_check.add_rare_energies, energy_check.observe),
+    *(sampling.make_row, advance_step),
+)
+# of features that no GPU steps, and of the measurement of times
+ABSENT = ("set_branches", "add_branches", "add_bending_forces", "add_slip_energies", "update_moments")
+ABSENT += ("move_supports", "add_lap")
 
 
 def advance(orders: Any, lengths: Any, inputs: Any, addresses: Any) -> None:
-    """Compute `explicit.loop.time_loop` for an interval of each net, or of the single net.
+    """Run `explicit.loop.time_loop` for an interval of each net, or of the single net.
 
     orders : (nets, COLUMNS); lengths : (nets, 5) before_dt to sample_dt of an `Interval`
     inputs : words of the arrays that the host has changed; addresses : (nets,) of a `NetMemory` each
     """
-    thread, threads, net = cuda.grid(1), cuda.gridsize(1), 0
-    if IN_BLOCKS:
-        thread, threads, net = cuda.threadIdx.x, cuda.blockDim.x, cuda.blockIdx.x
-    order, memory = orders[net], net_at(addresses[net])
-    work = memory.work
-    first, steps, stride, trial = order[FIRST], order[STEPS], order[STRIDE], order[TRIAL] != 0
-    only_row = order[ROW] != 0
-    before_dt, dt, zeta = lengths[net, 0], lengths[net, 1], lengths[net, 2]
-    sample_time, sample_dt = lengths[net, 3], lengths[net, 4]
-    scratch = ScratchOfThread(  # type: ignore[call-arg]
-        cuda.local.array((3, 1), np.float64),
-        cuda.local.array((1, 1), np.float64)[:, :0],
-        cuda.local.array((1,), np.float64),
-        cuda.local.array((3, 1), np.float64),
-        cuda.local.array((3, 1), np.float64),
-        cuda.local.array((1,), np.float64),
-    )
-    begin(thread, threads, order, inputs, memory)
-    in_second = False  # whether x(n) is in the second array
-    last_dt_v, done = -1.0, steps
-    for s in range(max(steps, order[ROW])):
-        n = first + s
-        share, dt_v = (n * dt - sample_time) / sample_dt, 0.5 * (before_dt + dt)
-        moment = dt_v, share, dt, zeta
-        if only_row or is_due(n * stride, work.rows):
-            if in_second:
-                return_positions(thread, threads, work)
-                in_second = False
-            collect_slots(thread, threads, work)
-            # as in `sampling.make_row`; n * dt may be rounded differently
-            of_row = dt_v, (n * stride * work.rows.dt - sample_time) / sample_dt, dt, zeta
-            set_air_forces(thread, threads, of_row, True, work)
-            make_row(thread, threads, n * stride, before_dt, of_row, order[LARGEST:], work, scratch)
-            meet()
-        if only_row:
-            break
-        set_air_forces(thread, threads, moment, dt_v != last_dt_v, work)
-        step_particles(thread, threads, s, in_second, moment, order[COUNTS:], work, scratch)
-        before_dt, last_dt_v, in_second = dt, dt_v, not in_second
-        breaking = order[COUNTS + s % 3]
-        if breaking == 0:
-            continue
-        if trial:
-            if thread == 0 and order[PENDING] == 0:
-                order[PENDING] = s + 1
-            continue
-        fits = has_room(breaking, work.spare)
-        meet()
-        if not fits:
-            if thread == 0:
-                order[PENDING] = breaking
-            done = s + 1
-            break
-        if thread == 0:  # x(n+1) is in the second array if `in_second`
-            x, when = work.y if in_second else work.particles.x, FractureStep(n * dt, n * stride, dt)
-            break_elements(
-                breaking, when, x, work.chunks, work.elements, work.slots, work.law, work.fractures
-            )
-        last_dt_v = -1.0  # masses have changed
-        meet()
-    if in_second:
-        return_positions(thread, threads, work)
-    meet()
-    end(thread, threads, order, done, work)
-
-
-def begin(thread: Any, threads: Any, order: Any, inputs: Any, memory: Any) -> None:
-    """Copy the inputs of a net to its arrays, and before a trial what `GpuNet.revert` restores."""
-    for k in range(thread, memory.inputs.shape[0], threads):
+    net = net_number()
+    order, memory, length = orders[net], net_at(addresses[net]), lengths[net]
+    work, first, trial = memory.work, order[FIRST], order[TRIAL] != 0
+    for k in each(0, memory.inputs.shape[0]):
         memory.inputs[k] = inputs[order[BEGIN] + k]
-    if order[TRIAL] != 0 and memory.work.breaks:
-        for k in range(thread, memory.rest.shape[0], threads):
+    if trial and work.breaks:
+        for k in each(0, memory.rest.shape[0]):
             memory.saved[k] = memory.rest[k]
+    if leads():
+        work.counts[first % 3] = 0
     meet()
-
-
-def step_particles(
-    thread: Any, threads: Any, s: Any, in_second: Any, moment: Any, counts: Any, work: Any, scratch: Any
-) -> None:
-    """Advance all particles. s : number of the step in this launch; in_second : whether x(n) is in `work.y`
-
-    Three counters alternate: that of the next step is set to 0 when no thread reads it any more.
-    """
-    x, new_x = (work.y, work.particles.x) if in_second else (work.particles.x, work.y)
-    chunks = work.chunks
-    if thread == 0:
-        counts[(s + 1) % 3] = 0
-    count = counts[s % 3 :]
-    for p in range(thread, chunks.n_owned, threads):
-        step_particle(p, chunks.width[p // chunks.size], moment, count, x, new_x, work, scratch)
-    for p in range(chunks.n_owned + chunks.n_halo + thread, work.spare.rows[0], threads):
-        step_particle(p, 1, moment, count, x, new_x, work, scratch)
-    meet()
-
-
-def return_positions(thread: Any, threads: Any, work: Any) -> None:
-    """Copy the positions in the second array to the first."""
-    for k in range(3):
-        for p in range(thread, work.spare.rows[0], threads):
-            work.particles.x[k, p] = work.y[k, p]
-
-
-def end(thread: Any, threads: Any, order: Any, done: Any, work: Any) -> None:
-    """Check the end of a trial, and write the work done."""
-    if order[TRIAL] != 0 and work.breaks:
-        for e in range(thread, work.elements.ends.shape[0], threads):
-            exceeds = exceeds_strain_at(e, work.particles.x, work.elements, work.law)
-            if exceeds and order[PENDING] == 0:
-                order[PENDING] = order[STEPS] + 1
-    if thread == 0:
+    before_dt, dt, zeta, sample_time, sample_dt = length[0], length[1], length[2], length[3], length[4]
+    done, pending, _ = time_loop(
+        Interval(
+            first,
+            order[STEPS],
+            before_dt,
+            dt,
+            zeta,
+            sample_time,
+            sample_dt,
+            order[STRIDE],
+            trial,
+            0,
+            order[ROW] != 0,
+        ),
+        work,
+    )
+    if pending != 0:  # at the end of a trial, some threads have found it
+        order[PENDING] = pending
+    if leads():
         order[MADE], order[TABLE_ROWS] = work.rows.made[0], work.rows.made[1]
         order[EVENT_COUNT], order[DONE] = work.spare.events[0], done

@@ -76,15 +76,11 @@ class GpuPlan(StepPlan):
 
     def read(self, *arrays: np.ndarray) -> None:
         """Bring the count of rows and arrays of the state, or all arrays, to the host."""
-        is_newer = REST in self._newer
-        if is_newer and arrays:
+        if REST in self._newer and arrays:
             for array in filter(np.size, (self.state.rows, *arrays)):
                 self.net.fetch_array(array)
             return
         self._fetch(EVENTS, TABLE, REST)
-        if is_newer:
-            work = self._works[False]
-            work.chunks.has_yielded[:] = work.law.plastic  # elements follow from slots only where this is set
         super().read()
 
     def collect(self) -> None:
@@ -128,6 +124,7 @@ class GpuPlan(StepPlan):
             return 0, 0, 0
         work, net, order = self._works[False], self.net, self.net.order
         if not self._on_device:
+            work.chunks.has_yielded[:] = work.law.plastic  # elements follow from slots only where this is set
             while not self._gpu.upload(net, work):
                 self._advance(None)
             self._on_device = True

@@ -2,7 +2,8 @@
 
 from collections.abc import Callable
 from functools import cache
-from threading import Barrier
+from threading import Barrier, current_thread
+from types import SimpleNamespace
 from typing import Any
 from weakref import WeakSet
 
@@ -36,13 +37,25 @@ def make_translator(cuda: Any, in_blocks: bool) -> Translator:
     table, names = scalars.replacements(cuda, compiled)
     if is_simulated():  # blocks run one after another
         meet: Any = Barrier(SIMULATED_THREADS).wait
+        thread: Any = lambda: current_thread().threadIdx.x  # type: ignore[attr-defined]
+        threads: Any = lambda: SIMULATED_THREADS
+        net: Any = lambda: current_thread().blockIdx.x  # type: ignore[attr-defined]
+        cuda = SimpleNamespace(local=SimpleNamespace(array=np.zeros))
     elif in_blocks:
         meet = compiled(lambda: cuda.syncthreads())
+        thread, threads = compiled(lambda: cuda.threadIdx.x), compiled(lambda: cuda.blockDim.x)
+        net = compiled(lambda: cuda.blockIdx.x)
     else:
         meet = compiled(lambda: cuda.cg.this_grid().sync())
-    names |= {"cuda": cuda, "meet": meet, "IN_BLOCKS": in_blocks, "net_at": record_reader(NetMemory.kind)}
+        thread, threads = compiled(lambda: cuda.grid(1)), compiled(lambda: cuda.gridsize(1))
+        net = compiled(lambda: 0)
+    names |= {"cuda": cuda, "meet": meet, "thread": thread, "threads": threads, "net_number": net}
+    names |= {"net_at": record_reader(NetMemory.kind), "float64": np.float64}
+    names |= dict.fromkeys(kernels.ABSENT, compiled(lambda *arguments: 0))
+    names |= {"ScratchOfThread": kernels.ScratchOfThread}
     translator = Translator(compiled, table, names)
-    translator.names["break_element"] = translator.translate(kernels.break_element)
+    for function in kernels.FUNCTIONS:
+        names[getattr(function, "function", function).__name__] = translator.translate(function)
     return translator
 
 

@@ -74,8 +74,23 @@ def record_reader(kind: RecordType) -> Any:
     return extending.intrinsic(record_at)
 
 
+SCRATCH = """ScratchOfThread(
+    cuda.local.array((3, 1), float64),
+    cuda.local.array((1, 1), float64)[:, :0],
+    cuda.local.array((2,), float64),
+    cuda.local.array((3, 1), float64),
+    cuda.local.array((3, 1), float64),
+    cuda.local.array((1,), float64),
+)"""
+
+
 class Products(ast.NodeTransformer):
-    """Replaces a * b by product(a, b), and call(record.routine, (a, b)) by routine(a, b)."""
+    """Replaces a * b by product(a, b), call(record.routine, (a,)) by routine(a), x.scratch by SCRATCH."""
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
+        """Replace the force arrays of a chunk by those of a thread, for one particle."""
+        self.generic_visit(node)
+        return ast.parse(SCRATCH, mode="eval").body if node.attr == "scratch" else node
 
     def visit_Call(self, node: ast.Call) -> ast.AST:
         """Replace a call by address."""
@@ -143,7 +158,8 @@ class Translator:
             visible[name] = cell.cell_contents
         tree = source_without_products(function)
         used = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
-        namespace = {name: self._value(visible[name]) for name in used & visible.keys()} | self.names
+        others = (used & visible.keys()) - self.names.keys()
+        namespace = {name: self._value(visible[name]) for name in others} | self.names
         exec(compile(tree, inspect.getfile(function), "exec"), namespace)
         return namespace[function.__name__]
 

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.arrays import Integer
-from netfall.core.kernels import inner_kernel, part_of_kernel, routine
+from netfall.core.kernels import each, inner_kernel, meet, part_of_kernel, routine
 from netfall.core.records import Record, f8, i8, is_present, real, whole
 from netfall.physics.fields import Particles
 from netfall.physics.particle_step import inverse_mass
@@ -101,11 +101,12 @@ def set_air_forces(
 ) -> int:
     """Write the drag, and the factors of the aerodynamic damping if the step or a mass has changed."""
     if is_present(particles.air) and changed:
-        for p in range(np.uint64(particles.per_mass.shape[0])):
+        for p in each(np.uint64(0), np.uint64(particles.per_mass.shape[0])):
             set_air_damping_at(p, dt_v, zeta, particles)
     if is_present(particles.drag):
-        for i in range(relative.rows.shape[0]):
+        for i in each(0, relative.rows.shape[0]):
             set_drag_at(i, dt_v, share, relative, particles)
+    meet()
     return 0
 
 

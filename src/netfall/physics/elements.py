@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.arrays import FloatArray, IntArray
-from netfall.core.kernels import kernel, part_of_kernel
+from netfall.core.kernels import each, kernel, part_of_kernel
 from netfall.core.records import Record, f8, is_present
 from netfall.physics.element_step import LENGTH2_OFFSET
 from netfall.physics.fields import Elements
@@ -49,7 +49,7 @@ def compute_element_state(x: FloatArray, elements: Elements, law: LawParameters,
 
     elements : `Elements`; law : `LawParameters`; now : `ElementState`, out
     """
-    for e in range(elements.ends.shape[0]):
+    for e in each(0, elements.ends.shape[0]):
         now.N[e], now.eps[e], now.eps_p[e], now.L[e], _ = element_state_at(x, elements, law, e)
 
 

@@ -25,7 +25,7 @@ import numpy as np
 
 from netfall.core.arrays import FloatArray, IntArray
 from netfall.core.functions import lengths
-from netfall.core.kernels import inner_kernel, kernel
+from netfall.core.kernels import each, inner_kernel, kernel
 from netfall.core.records import Record, f8, f8_2, f8_3, i8, is_present
 from netfall.physics.fields import OTHER_WORKS, Particles
 
@@ -43,7 +43,7 @@ def add_spring_forces(
 
     turned : (n, 3), absent if all axes are x, y and z
     """
-    for p in range(f_int.shape[0]):  # f_int may have fewer rows than the other arrays
+    for p in each(0, f_int.shape[0]):  # f_int may have fewer rows than the other arrays
         for k in range(3):
             f_int[p, k] += spring[p, k] * (d0[p, k] - (x[p, k] - x_start[p, k]))
         if is_present(turned):
