@@ -18,7 +18,7 @@ import numba.cuda.compiler
 import numba.cuda.dispatcher
 from numba import cuda, types
 
-from netfall.gpu import kernels, stepper
+from netfall.gpu import kernels, scalars
 
 CAPABILITY = (9, 0)  # of an H100
 REALS, WHOLES = types.Array(types.float64, 2, "C"), types.Array(types.int64, 2, "C")
@@ -46,7 +46,7 @@ def main():
     reports = {}
     for name in ("grid", "blocks"):
         begin = time.perf_counter()
-        function = stepper.make_translator(cuda, name == "blocks").plain(kernels.advance)
+        function = scalars.make_translator(cuda, name == "blocks").plain(kernels.advance)
         text, _ = cuda.compile(function, signature(), device=False, cc=CAPABILITY, output="ptx", abi="numba")
         seconds = time.perf_counter() - begin
         path = Path(sys.argv[1]) / f"{name}.ptx"

@@ -27,8 +27,7 @@ from netfall.driver.sample import run_sample
 from netfall.explicit.loop import Interval, time_loop
 from netfall.gpu import kernels, stepper
 from netfall.gpu.plan import plan_maker
-from netfall.gpu.stepper import Gpu, GpuNet
-from netfall.gpu.together import Together
+from netfall.gpu.stepper import Gpu, GpuNet, Together
 from netfall.job.cache import ResultCache
 from netfall.job.read import read_job
 from netfall.parallel.mpi import MPI
@@ -44,10 +43,10 @@ def run_alone(folder: Path, device: str) -> int:
     return 0
 
 
-def run_as_sample(folder: Path, device: str, advance=None, gpu=None) -> dict:
+def run_as_sample(folder: Path, device: str, gpu: Gpu | None = None) -> dict:
     """Return the outcomes of a run on a device, whose result file has the device's name."""
     read = partial(read_job, folder / "job.toml")
-    choose = lambda features: plan_maker(device, features, 1, lambda note: None, gpu, advance)
+    choose = lambda features: plan_maker(device, features, 1, lambda note: None, gpu)
     path = folder / f"{device}.vtkhdf"
     outcomes = run_sample(MPI.COMM_SELF, read, path, ResultCache(1), choose_plan=choose)
     return {name: value for name, value in outcomes.items() if not name.endswith("seconds")}
@@ -55,11 +54,10 @@ def run_as_sample(folder: Path, device: str, advance=None, gpu=None) -> dict:
 
 def run_all_together(folders: list[Path]) -> list[dict]:
     """Return outcomes of runs on a GPU that steps several nets at once."""
-    gpu, results = Gpu(in_blocks=True), {}
-    together = Together(gpu, abort)
+    gpu, results = Together(abort), {}
     for folder in folders:
-        together.start(lambda advance, f=folder: results.update({f: run_as_sample(f, "gpu", advance, gpu)}))
-    together.join()
+        gpu.start(lambda f=folder: results.update({f: run_as_sample(f, "gpu", gpu)}))
+    gpu.join()
     gc.collect()
     assert not any(isinstance(kept, GpuNet) for kept in gc.get_objects()), "nets of ended tasks"
     return [results[folder] for folder in folders]

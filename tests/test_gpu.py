@@ -143,18 +143,17 @@ def test_a_study_on_a_gpu_has_the_outcomes_of_the_cpu(tmp_path):
 
 FAULTY = """
 import os
-from types import SimpleNamespace
-from netfall.gpu.stepper import GpuNet
-from netfall.gpu.together import Together
+from netfall.gpu.stepper import GpuNet, Together
 
-def waits(advance):
-    together.start(lambda advance: None)
-    advance(GpuNet())
+class Faulty(Together):
+    def launch(self, nets):
+        raise OSError
 
-def fail(nets):
-    raise OSError
+def waits():
+    together.start(lambda: None)
+    together.advance(GpuNet())
 
-together = Together(SimpleNamespace(advance=fail), lambda error: os._exit(7))
+together = Faulty(lambda error: os._exit(7))
 together.start(waits)
 together.join()
 """
@@ -171,13 +170,13 @@ def test_a_net_too_large_for_the_device_waits_for_others_or_is_refused(monkeypat
     net = SimpleNamespace(
         allocate=lambda work: False, map=SimpleNamespace(staged=SimpleNamespace(size=1.8e9))
     )
-    gpu, other, work = stepper.Gpu(), stepper.GpuNet(), SimpleNamespace()
-    gpu._nets.add(other)
+    gpu, other = stepper.Gpu(), stepper.GpuNet()
+    gpu.nets.add(other)
     other.memory = np.zeros(1)
-    assert not gpu.upload(net, work)
-    other.release()
+    monkeypatch.setattr(gpu, "advance", lambda net: other.release())
     with pytest.raises(InputError, match=r"2(\.0)? GB.*1(\.0)? GB.*E074"):
-        gpu.upload(net, work)
+        gpu.upload(net, SimpleNamespace())
+    assert not other.memory.size
 
 
 @pytest.mark.parametrize(

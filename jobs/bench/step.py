@@ -96,7 +96,7 @@ if scene.slip:
     sums = (adjacent_sums(points, values) for values in (state.half_mass, state.EA / state.L0))
     state.slip_points, state.slip_mass[points.node, 0] = points, slip_inertia(*sums, net.DT)
 halo = Halo(comm, subdomain, halo_width(state))
-make_plan = partial(GpuPlan, Gpu(), None) if arguments.device == "gpu" else StepPlan
+make_plan = partial(GpuPlan, Gpu()) if arguments.device == "gpu" else StepPlan
 plan = make_plan(state, halo)
 centre = whole.centre
 del whole

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     import numpy as np
 
     from netfall.explicit.plan import StepPlan
-    from netfall.gpu.stepper import Advance, Gpu
     from netfall.job.job import Job
     from netfall.parallel.mpi import MPI
     from netfall.physics.fields import Features
@@ -62,6 +61,7 @@ def run_tasks(device: str = "cpu") -> None:
     from netfall.driver.compile import compile_missing
     from netfall.driver.sample import run_sample, study_net
     from netfall.gpu.plan import plan_maker
+    from netfall.gpu.stepper import Together
     from netfall.job.cache import ResultCache
     from netfall.job.read import read_job
     from netfall.parallel.agree import on_root
@@ -78,16 +78,14 @@ def run_tasks(device: str = "cpu") -> None:
     os.dup2(2, 1)  # output of libraries must not mix with answers
     compile_missing(comm)  # one of several workers compiles for all
     send({"ranks": comm.size, "program": program_digest()})
-    cache = ResultCache(CACHE_SIZE)
+    cache, gpu = ResultCache(CACHE_SIZE), Together(abort) if device != "cpu" else None
 
-    def run(
-        task: dict[str, Any], advance: "Advance | None" = None, gpu: "Gpu | None" = None
-    ) -> dict[str, Any] | None:
-        """Return the answer to a task, on rank 0."""
+    def run(task: dict[str, Any]) -> None:
+        """Run a task, and send the answer from rank 0."""
         notes: list[str] = []
 
         def choose_plan(features: "Features") -> Callable[..., "StepPlan"]:
-            return plan_maker(device, features, comm.size, notes.append, gpu, advance)
+            return plan_maker(device, features, comm.size, notes.append, gpu)
 
         result = Path(task["result"]) if task["result"] else None
         if task["net"]:
@@ -98,24 +96,15 @@ def run_tasks(device: str = "cpu") -> None:
         else:
             settings = task["profile"], task["depth"], choose_plan, notes.extend
             answer = run_sample(comm, partial(read, task), result, cache, *settings)
-        return answer and answer | {"number": task["number"], "notes": notes}
+        send(answer and answer | {"number": task["number"], "notes": notes})
 
-    if device != "cpu":
-        from netfall.gpu.stepper import Gpu
-        from netfall.gpu.together import Together
-
-        gpu = Gpu(in_blocks=True)
-        together = Together(gpu, abort)
-
-        def run_with_others(task: dict[str, Any], advance: "Advance") -> None:
-            send(run(task, advance, gpu))
-
-        while (line := sys.stdin.readline()).endswith("\n"):
-            together.start(partial(run_with_others, json.loads(line)))
-        together.join()
+    while gpu and (line := sys.stdin.readline()).endswith("\n"):
+        gpu.start(partial(run, json.loads(line)))
+    if gpu:
+        gpu.join()
         return
     while (task := next_task(comm)) is not None:
-        send(run(task))
+        run(task)
 
 
 def main() -> None:

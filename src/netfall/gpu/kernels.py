@@ -188,23 +188,9 @@ def advance(orders: Any, lengths: Any, inputs: Any, addresses: Any) -> None:
     if leads():
         work.counts[first % 3] = 0
     meet()
-    before_dt, dt, zeta, sample_time, sample_dt = length[0], length[1], length[2], length[3], length[4]
-    done, pending, _ = time_loop(
-        Interval(
-            first,
-            order[STEPS],
-            before_dt,
-            dt,
-            zeta,
-            sample_time,
-            sample_dt,
-            order[STRIDE],
-            trial,
-            0,
-            order[ROW] != 0,
-        ),
-        work,
-    )
+    dts = length[0], length[1], length[2], length[3], length[4]
+    interval = Interval(first, order[STEPS], *dts, order[STRIDE], trial, 0, order[ROW] != 0)
+    done, pending, _ = time_loop(interval, work)
     if pending != 0:  # at the end of a trial, some threads have found it
         order[PENDING] = pending
     if leads():

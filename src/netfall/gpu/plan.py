@@ -16,7 +16,7 @@ from netfall.explicit.sampling import Table
 from netfall.gpu import messages
 from netfall.gpu.kernels import DONE, EVENT_COUNT, MADE, PENDING, ROW, TABLE_ROWS
 from netfall.gpu.memory import EVENTS, REST, TABLE
-from netfall.gpu.stepper import Advance, Gpu, GpuNet
+from netfall.gpu.stepper import Gpu, GpuNet
 from netfall.gpu.target import cuda_module
 from netfall.physics.fields import Features
 from netfall.physics.state import State
@@ -28,12 +28,11 @@ def plan_maker(
     ranks: int,
     say: Callable[[str], None],
     gpu: Gpu | None = None,
-    advance: Advance | None = None,
 ) -> Callable[..., StepPlan]:
     """Return the function that makes the `StepPlan` of a problem.
 
     device : "cpu", "gpu", or "auto": a GPU if possible; say : receives a note
-    gpu, advance : as in `GpuPlan`; None: a separate GPU
+    gpu : that other nets use too; None: none does
 
     Raises InputError if the GPU cannot step the problem.
     """
@@ -56,7 +55,7 @@ def plan_maker(
             raise
         say(messages.ON_CPU(reason=lacking or "no GPU can be used"))
         return StepPlan
-    return partial(GpuPlan, gpu or Gpu(), advance)
+    return partial(GpuPlan, gpu or Gpu())
 
 
 class GpuPlan(StepPlan):
@@ -66,10 +65,9 @@ class GpuPlan(StepPlan):
     since. After `collect` or `attach` the whole state is copied back before the next steps.
     """
 
-    def __init__(self, gpu: Gpu, advance: Advance | None, state: State, *more: Any, **named: Any):
-        """advance : advances the net by its order, together with others; None: immediately"""
+    def __init__(self, gpu: Gpu, state: State, *more: Any, **named: Any):
+        """gpu : that steps the state; further arguments as for `StepPlan`"""
         self._gpu, self.net = gpu, GpuNet()
-        self._advance = advance or (lambda net: gpu.advance([net] if net else []))
         self._on_device = False  # whether the device has the state
         self._newer: set[int] = set()  # groups of arrays that only the device has
         super().__init__(state, *more, **named)
@@ -125,14 +123,13 @@ class GpuPlan(StepPlan):
         work, net, order = self._works[False], self.net, self.net.order
         if not self._on_device:
             work.chunks.has_yielded[:] = work.law.plastic  # elements follow from slots only where this is set
-            while not self._gpu.upload(net, work):
-                self._advance(None)
+            self._gpu.upload(net, work)
             self._on_device = True
         made, count = work.rows.made, self.events.count
         order[:] = 0
         order[: ROW + 1] = interval.first, interval.steps, interval.stride, interval.trial, interval.row
         net.lengths = interval[2:7]
-        self._advance(net)
+        self._gpu.advance(net)
         changes = {TABLE: order[MADE] != made[0], EVENTS: order[EVENT_COUNT] != count[0], REST: True}
         self._newer.update(group for group, has_changed in changes.items() if has_changed)
         made[:], count[0] = (order[MADE], order[TABLE_ROWS]), order[EVENT_COUNT]

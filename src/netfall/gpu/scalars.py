@@ -5,13 +5,19 @@ import ctypes.util
 import math
 from collections.abc import Callable
 from importlib import import_module
+from threading import Barrier, current_thread
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from netfall.core import vectors
 from netfall.core.records import is_present
-from netfall.gpu.target import is_simulated
+from netfall.gpu import kernels
+from netfall.gpu.memory import NetMemory
+from netfall.gpu.target import Translator, is_simulated, record_reader
+
+SIMULATED_THREADS = 3  # numba's simulator starts each as a Python thread
 
 # --- the same in the simulator and on a device
 
@@ -55,17 +61,32 @@ SCALAR_FORMS: dict[Any, Callable[..., Any]] = {
 }
 
 
-def replacements(cuda: Any, compiled: Any) -> tuple[dict[Any, Any], dict[str, Any]]:
-    """Return the replacements of the operations of `core.vectors`, and of names of any module.
+def make_translator(cuda: Any, in_blocks: bool) -> Translator:
+    """Return the translator of CPU kernels for `numba.cuda` or its simulator.
 
-    compiled : decorator of functions that kernels call
+    in_blocks : whether a net has the threads of one block; otherwise one net has all threads
     """
-    special = _in_simulator() if is_simulated() else _on_device(cuda, compiled)
-    own = {name: special.pop(name) for name in ("product", "atomic_add", "atomic_max", "atomic_min")}
-    table = {operation: compiled(function) for operation, function in SCALAR_FORMS.items()} | special
+
+    def plain(function: Callable[..., Any]) -> Any:
+        return function
+
+    compiled = plain if is_simulated() else cuda.jit(device=True)
+    special = _in_simulator() if is_simulated() else _on_device(cuda, compiled, in_blocks)
+    names = {key: value for key, value in special.items() if isinstance(key, str)}
+    table = {operation: compiled(function) for operation, function in SCALAR_FORMS.items()}
+    table |= {key: value for key, value in special.items() if not isinstance(key, str)}
     # functions of Python return the first of equal numbers
-    names = {"max": compiled(lambda a, b: b if b > a else a), "min": compiled(lambda a, b: b if b < a else a)}
-    return table, own | names | {"LANES": 1}
+    names |= {
+        "max": compiled(lambda a, b: b if b > a else a),
+        "min": compiled(lambda a, b: b if b < a else a),
+    }
+    names |= {"LANES": 1, "float64": np.float64, "ScratchOfThread": kernels.ScratchOfThread}
+    names |= {"net_at": record_reader(NetMemory.kind)}
+    names |= dict.fromkeys(kernels.ABSENT, compiled(lambda *arguments: 0))
+    translator = Translator(compiled, table, names)
+    for function in kernels.FUNCTIONS:
+        names[getattr(function, "function", function).__name__] = translator.translate(function)
+    return translator
 
 
 def _in_simulator() -> dict[Any, Any]:
@@ -81,6 +102,11 @@ def _in_simulator() -> dict[Any, Any]:
         vectors.sqrt: np.sqrt,
         vectors.bits_of: lambda a: np.float64(a).view(np.int64),
         vectors.number_of: lambda a: np.int64(a).view(np.float64),
+        "cuda": SimpleNamespace(local=SimpleNamespace(array=np.zeros)),
+        "net_number": lambda: current_thread().blockIdx.x,  # type: ignore[attr-defined]
+        "thread": lambda: current_thread().threadIdx.x,  # type: ignore[attr-defined]
+        "threads": lambda: SIMULATED_THREADS,
+        "meet": Barrier(SIMULATED_THREADS).wait,  # blocks run one after another
         "product": lambda a, b: a * b,
         "atomic_add": atomic.add,
         "atomic_max": atomic.max,
@@ -88,7 +114,7 @@ def _in_simulator() -> dict[Any, Any]:
     }
 
 
-def _on_device(cuda: Any, compiled: Any) -> dict[Any, Any]:
+def _on_device(cuda: Any, compiled: Any, in_blocks: bool) -> dict[Any, Any]:
     libdevice, types = import_module("numba.cuda.libdevice"), cuda.types
     overload = import_module("numba.cuda.extending").overload
 
@@ -105,7 +131,16 @@ def _on_device(cuda: Any, compiled: Any) -> dict[Any, Any]:
 
         return rounded if isinstance(a, types.Float) or isinstance(b, types.Float) else exact
 
+    if in_blocks:
+        places = lambda: cuda.blockIdx.x, lambda: cuda.threadIdx.x, lambda: cuda.blockDim.x
+        meet = compiled(lambda: cuda.syncthreads())
+    else:
+        places = lambda: 0, lambda: cuda.grid(1), lambda: cuda.gridsize(1)
+        meet = compiled(lambda: cuda.cg.this_grid().sync())
     return {
+        **dict(zip(("net_number", "thread", "threads"), map(compiled, places))),
+        "cuda": cuda,
+        "meet": meet,
         vectors.fma: compiled(lambda a, b, c: cuda.fma(a, b, c)),
         vectors.sqrt: math.sqrt,
         vectors.bits_of: compiled(lambda a: libdevice.double_as_longlong(a)),

@@ -2,8 +2,7 @@
 
 from collections.abc import Callable
 from functools import cache
-from threading import Barrier, current_thread
-from types import SimpleNamespace
+from threading import Condition, Thread, get_ident
 from typing import Any
 from weakref import WeakSet
 
@@ -12,51 +11,18 @@ import numpy as np
 from netfall.core.errors import InputError
 from netfall.explicit.loop import LoopState
 from netfall.gpu import kernels, messages, scalars
-from netfall.gpu.memory import INPUTS, REST, MemoryMap, NetMemory, address_of
-from netfall.gpu.target import Translator, cuda_module, is_simulated, record_reader
+from netfall.gpu.memory import INPUTS, REST, MemoryMap, address_of
+from netfall.gpu.target import cuda_module, is_simulated
 
 MEMORY_SHARE = 0.9  # share of the free memory of the device for nets; kernels also need some
 THREADS = 128  # in a block
-SIMULATED_THREADS = 3  # numba's simulator starts each as a Python thread
 
 
 @cache
 def advance_kernel(in_blocks: bool) -> Any:
     """Compile `kernels.advance` for the device. in_blocks : whether each net has one block"""
     cuda = cuda_module()
-    return cuda.jit(make_translator(cuda, in_blocks).plain(kernels.advance))
-
-
-def make_translator(cuda: Any, in_blocks: bool) -> Translator:
-    """Return the translator of CPU kernels for `numba.cuda` or its simulator."""
-
-    def plain(function: Callable[..., Any]) -> Any:
-        return function
-
-    compiled = plain if is_simulated() else cuda.jit(device=True)
-    table, names = scalars.replacements(cuda, compiled)
-    if is_simulated():  # blocks run one after another
-        meet: Any = Barrier(SIMULATED_THREADS).wait
-        thread: Any = lambda: current_thread().threadIdx.x  # type: ignore[attr-defined]
-        threads: Any = lambda: SIMULATED_THREADS
-        net: Any = lambda: current_thread().blockIdx.x  # type: ignore[attr-defined]
-        cuda = SimpleNamespace(local=SimpleNamespace(array=np.zeros))
-    elif in_blocks:
-        meet = compiled(lambda: cuda.syncthreads())
-        thread, threads = compiled(lambda: cuda.threadIdx.x), compiled(lambda: cuda.blockDim.x)
-        net = compiled(lambda: cuda.blockIdx.x)
-    else:
-        meet = compiled(lambda: cuda.cg.this_grid().sync())
-        thread, threads = compiled(lambda: cuda.grid(1)), compiled(lambda: cuda.gridsize(1))
-        net = compiled(lambda: 0)
-    names |= {"cuda": cuda, "meet": meet, "thread": thread, "threads": threads, "net_number": net}
-    names |= {"net_at": record_reader(NetMemory.kind), "float64": np.float64}
-    names |= dict.fromkeys(kernels.ABSENT, compiled(lambda *arguments: 0))
-    names |= {"ScratchOfThread": kernels.ScratchOfThread}
-    translator = Translator(compiled, table, names)
-    for function in kernels.FUNCTIONS:
-        names[getattr(function, "function", function).__name__] = translator.translate(function)
-    return translator
+    return cuda.jit(scalars.make_translator(cuda, in_blocks).plain(kernels.advance))
 
 
 def free_memory() -> float:
@@ -81,10 +47,12 @@ class GpuNet:
     """One net: its copy on the device, and the order of the next launch.
 
     order : columns of `kernels`; lengths : before_dt to sample_dt of an `Interval`
+    thread : that steps the net
     """
 
     def __init__(self) -> None:
         self.order = np.zeros(kernels.COLUMNS, np.int64)
+        self.thread = get_ident()
         self.lengths: tuple[float, ...] = ()
         self.map: Any = None
         self.release()
@@ -139,31 +107,29 @@ class GpuNet:
         copy(self.memory[self.map.size :], self.memory[self.map.bounds[REST] : self.map.bounds[REST + 1]])
 
 
-Advance = Callable[[GpuNet | None], None]  # None: wait until another net may have been released
-
-
 class Gpu:
-    """A GPU that advances several nets at once, each in one block, or a single net in all blocks."""
+    """A GPU that advances a single net, in all blocks."""
 
-    def __init__(self, in_blocks: bool = False):
-        self.in_blocks = in_blocks
-        self._nets: WeakSet[GpuNet] = WeakSet()
+    in_blocks = False
 
-    def upload(self, net: GpuNet, work: LoopState) -> bool:
-        """Copy a net to the device; return whether it fits.
+    def __init__(self) -> None:
+        self.nets: WeakSet[GpuNet] = WeakSet()  # which have been on the device
 
-        Raises InputError if it does not fit even without other nets.
-        """
-        if not net.allocate(work):
-            if not any(other.memory.size for other in self._nets):
+    def upload(self, net: GpuNet, work: LoopState) -> None:
+        """Copy a net to the device when it fits. Raises InputError if it does not fit without others."""
+        while not net.allocate(work):
+            if not any(other.memory.size for other in self.nets):
                 needed = net.map.staged.size / MEMORY_SHARE
                 raise InputError(messages.TOO_LARGE(needed=needed / 1e9, free=free_memory() / 1e9))
-            return False
-        self._nets.add(net)
+            self.advance(None)
+        self.nets.add(net)
         net.upload()
-        return True
 
-    def advance(self, nets: list[GpuNet]) -> None:
+    def advance(self, net: GpuNet | None) -> None:
+        """Advance a net by its order. None: only wait until another net may have been released."""
+        self.launch([net] if net else [])
+
+    def launch(self, nets: list[GpuNet]) -> None:
         """Advance nets by their orders, which then contain the work done."""
         if not nets:
             return
@@ -179,7 +145,7 @@ class Gpu:
         kernel, blocks = advance_kernel(self.in_blocks), len(nets)
         if not self.in_blocks:
             blocks = _blocks(kernel, arguments, nets[0].map.work.particles.x.shape[1])
-        kernel[blocks, SIMULATED_THREADS if is_simulated() else THREADS](*arguments)
+        kernel[blocks, scalars.SIMULATED_THREADS if is_simulated() else THREADS](*arguments)
         on_device.copy_to_host(orders)
         for net, order in zip(nets, orders):
             net.order[:] = order
@@ -195,3 +161,57 @@ def _blocks(kernel: Any, arguments: tuple[Any, ...], particles: int) -> int:
     (compiled,) = kernel.overloads.values()
     most: int = compiled.max_cooperative_grid_blocks(THREADS)
     return min(-(-particles // THREADS), most)
+
+
+class Together(Gpu):
+    """A GPU that advances the nets of several tasks at once, each net in one block.
+
+    The tasks are threads, of which one runs until it waits for its net to be advanced. Then another one runs.
+    So two tasks never change shared data at once. When all wait, the GPU advances their nets.
+    """
+
+    in_blocks = True
+
+    def __init__(self, abort: Callable[[BaseException], None]):
+        """abort : ends the process after an error, since the other tasks would wait for ever"""
+        super().__init__()
+        self._abort, self._turn = abort, Condition()
+        self._started, self._ended, self._launches = 0, 0, 0
+        self._waiting: list[GpuNet | None] = []
+
+    def start(self, task: Callable[[], Any]) -> None:
+        """Start a task."""
+        self._started += 1
+        Thread(target=self._run, args=(task,)).start()
+
+    def join(self) -> None:
+        """Wait for the ends of all tasks."""
+        with self._turn:
+            self._turn.wait_for(lambda: self._ended == self._started)
+
+    def _run(self, task: Callable[[], Any]) -> None:
+        with self._turn:
+            try:
+                task()
+                for net in self.nets:
+                    if net.thread == get_ident():
+                        net.release()
+                self._ended += 1
+                self._launch_if_all_wait()
+                self._turn.notify_all()
+            except BaseException as error:
+                self._abort(error)
+
+    def advance(self, net: GpuNet | None) -> None:
+        """Advance a net, see `Gpu.advance`, as soon as all tasks wait."""
+        self._waiting.append(net)
+        launches = self._launches
+        self._launch_if_all_wait()
+        self._turn.wait_for(lambda: self._launches > launches)
+
+    def _launch_if_all_wait(self) -> None:
+        if self._waiting and len(self._waiting) == self._started - self._ended:
+            self.launch([net for net in self._waiting if net is not None])
+            self._waiting.clear()
+            self._launches += 1
+            self._turn.notify_all()
