@@ -34,34 +34,6 @@ inner_kernel = numba_njit(**OPTIONS, **INNER_OPTIONS)  # called by kernels
 part_of_kernel = numba_njit(**OPTIONS, **INNER_OPTIONS, forceinline=True)  # always inlined into its caller
 # Copied into the one kernel that calls it before types are inferred, and not compiled separately.
 copied_kernel = numba_njit(**OPTIONS, **INNER_OPTIONS, inline="always")
-# A loop over `each` has independent turns, which the threads of a net share on a GPU. There `gpu.kernels`
-# replaces `each` and the next four functions. On a CPU there is one thread.
-each: Any = range
-
-
-@part_of_kernel
-def meet() -> None:
-    """Wait for the other threads."""
-
-
-@part_of_kernel
-def leads() -> bool:
-    """Return whether this is the first thread."""
-    return True
-
-
-@part_of_kernel
-def total(count: Any, cells: Any) -> Any:
-    """Return the sum of the numbers of all threads. cells : (1,) work array"""
-    return count
-
-
-@part_of_kernel
-def agree(size: Any, number: Any, cells: Any) -> tuple[Any, Any]:
-    """Return the largest size of all threads, and the smallest number that has it. cells : (2,) work array"""
-    return size, number
-
-
 # Generates code for a function of kernels. Calls omit its first argument, the typing context.
 intrinsic: Callable[[Callable[..., Any]], Callable[..., Any]] = numba.extending.intrinsic
 

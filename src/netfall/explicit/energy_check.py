@@ -10,18 +10,9 @@ import math
 import numpy as np
 
 from netfall.core.arrays import FloatArray, IntArray, Integer
-from netfall.core.kernels import (
-    call,
-    copied_kernel,
-    each,
-    inner_kernel,
-    kernel,
-    meet,
-    part_of_kernel,
-    routine,
-    total,
-)
+from netfall.core.kernels import call, copied_kernel, inner_kernel, kernel, part_of_kernel, routine
 from netfall.core.records import Record, f8, f8_2, i8, i8_2, is_present, real, u1, whole
+from netfall.core.threads import each, meet, total
 from netfall.core.vectors import LANES, fma, load, load_mask, store_below, where, zeros
 from netfall.explicit.forces import Scratch
 from netfall.explicit.motion import damped_mass, force_along_guides, free_force, total_forces

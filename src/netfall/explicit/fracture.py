@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from netfall.core.arrays import FloatArray, IntArray, Integer
-from netfall.core.kernels import call, each, inner_kernel, part_of_kernel
+from netfall.core.kernels import call, inner_kernel, part_of_kernel
 from netfall.core.records import is_present
+from netfall.core.threads import each
 from netfall.core.vectors import LANES
 from netfall.explicit.incidence import collect_element, empty_slot, fill_slot, slot_of
 from netfall.physics.element_step import (

@@ -10,8 +10,9 @@ import math
 import numpy as np
 
 from netfall.core.arrays import AnyArray, IntArray, Integer
-from netfall.core.kernels import copied_kernel, each, inner_kernel, kernel
+from netfall.core.kernels import copied_kernel, inner_kernel, kernel
 from netfall.core.records import is_present
+from netfall.core.threads import each
 from netfall.core.vectors import LANES
 from netfall.physics.fields import EMPTY, Elements, Particles, Slots, fields_of
 from netfall.physics.law.element import fill_law_fields, yield_energy

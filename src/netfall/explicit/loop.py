@@ -22,18 +22,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from netfall.core.arrays import FloatArray
-from netfall.core.kernels import (
-    call,
-    copied_kernel,
-    each,
-    inner_kernel,
-    kernel,
-    leads,
-    meet,
-    part_of_kernel,
-    routine,
-)
+from netfall.core.kernels import call, copied_kernel, inner_kernel, kernel, part_of_kernel, routine
 from netfall.core.records import Record, f8, f8_2, i8, is_present, real, u1, whole
+from netfall.core.threads import each, leads, meet
 from netfall.core.vectors import LANES
 from netfall.explicit import forces
 from netfall.explicit.fracture import any_exceeds_fracture_strain, break_elements, check_limits

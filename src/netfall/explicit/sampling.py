@@ -12,19 +12,9 @@ from typing import Any
 import numpy as np
 
 from netfall.core.arrays import FloatArray, IntArray, Integer
-from netfall.core.kernels import (
-    agree,
-    call,
-    copied_kernel,
-    each,
-    inner_kernel,
-    kernel,
-    leads,
-    meet,
-    part_of_kernel,
-    routine,
-)
+from netfall.core.kernels import call, copied_kernel, inner_kernel, kernel, part_of_kernel, routine
 from netfall.core.records import Record, f8, f8_2, i8, i8_2, i8_3, is_present, real, whole
+from netfall.core.threads import agree, each, leads, meet
 from netfall.core.vectors import bits_of, number_of
 from netfall.explicit.energy_check import ObservationArrays, ObservedState
 from netfall.explicit.forces import Scratch

@@ -58,7 +58,7 @@ def leads() -> Any:
 
 
 def total(count: Any, cells: Any) -> Any:
-    """Compute `core.kernels.total`."""
+    """Compute `core.threads.total`."""
     meet()
     if leads():
         cells[0] = 0
@@ -69,7 +69,7 @@ def total(count: Any, cells: Any) -> Any:
 
 
 def agree(size: Any, number: Any, cells: Any) -> Any:
-    """Compute `core.kernels.agree`."""
+    """Compute `core.threads.agree`."""
     meet()
     if leads():
         cells[0], cells[1] = size, NO_NUMBER

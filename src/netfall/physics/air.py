@@ -25,8 +25,9 @@ from typing import Any
 import numpy as np
 
 from netfall.core.arrays import Integer
-from netfall.core.kernels import each, inner_kernel, meet, part_of_kernel, routine
+from netfall.core.kernels import inner_kernel, part_of_kernel, routine
 from netfall.core.records import Record, f8, i8, is_present, real, whole
+from netfall.core.threads import each, meet
 from netfall.physics.fields import Particles
 from netfall.physics.particle_step import inverse_mass
 

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from netfall.core.arrays import FloatArray, IntArray
-from netfall.core.kernels import each, kernel, part_of_kernel
+from netfall.core.kernels import kernel, part_of_kernel
 from netfall.core.records import Record, f8, is_present
+from netfall.core.threads import each
 from netfall.physics.element_step import LENGTH2_OFFSET
 from netfall.physics.fields import Elements
 from netfall.physics.law.element import axial_force, stored_energy, strain, tangent_stiffness, yield_energy

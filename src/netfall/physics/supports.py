@@ -25,8 +25,9 @@ import numpy as np
 
 from netfall.core.arrays import FloatArray, IntArray
 from netfall.core.functions import lengths
-from netfall.core.kernels import each, inner_kernel, kernel
+from netfall.core.kernels import inner_kernel, kernel
 from netfall.core.records import Record, f8, f8_2, f8_3, i8, is_present
+from netfall.core.threads import each
 from netfall.physics.fields import OTHER_WORKS, Particles
 
 
