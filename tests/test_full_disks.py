@@ -191,7 +191,7 @@ def test_pictures_and_reports_end_when_the_disk_is_full(disk, workshop, netfall_
 def test_init_and_partition_leave_no_partial_file(tmp_path):
     """A partial job would end the next `netfall init`, because the file exists."""
     (tmp_path / "roof.toml").write_text('[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 60\n' + STEEL)
-    for kilobytes, *words in ((4, "init", "new.toml"), (20, "partition", "roof.toml", "-n", "2")):
+    for kilobytes, *words in ((0, "init", "new.toml"), (20, "partition", "roof.toml", "-n", "2")):
         command = ["bash", "-c", f'ulimit -f {kilobytes}; exec "$0" "$@"', BIN / "netfall", *words]
         base = ENVIRONMENT | {"PYTHONDONTWRITEBYTECODE": "1"}  # Python leaves truncated files
         done = run_process(*command, cwd=tmp_path, environment=base, code=None)

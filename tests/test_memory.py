@@ -3,6 +3,7 @@
 from dataclasses import fields, replace
 
 import pytest
+from conftest import STEEL
 from test_study import NODES, with_tables
 
 from netfall.job.cache import WIND_SPEED_KEYS, ResultCache, cache_key
@@ -215,7 +216,9 @@ def plan_of(workshop, study: str):
 
 def test_samples_are_batched_by_shared_results(workshop):
     """Seeds and history rows share an equilibrium. Damping ratios do not, although they could."""
-    with_tables(workshop)
+    wind = "speed = 20.0\npressure_coefficient = 1.0\nturbulence_intensity = 0.2\nbase_height = 0.0\n"
+    job = f"{STEEL}[wind]\n{wind}[dynamics]\nduration = 1.0\n"
+    workshop.job(job, NODES, "start,end\n1,2\n2,3\n3,1\n")
     vary = '"dynamics.mass_damping" = [0.1, 0.2]\n"output.history_interval" = [0.01, 0.02]\n'
     vary += '"wind.seed" = [1, 2]\n'
     plan = plan_of(workshop, 'job = "job.toml"\n[vary]\n' + vary)

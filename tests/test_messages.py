@@ -79,8 +79,8 @@ def test_a_file_is_refused_as_a_folder_for_pictures(workshop, job, verb):
 
 
 def test_an_animation_of_one_case_is_refused(workshop, job):
-    """An animation shows all states, so the option would have no effect."""
-    assert "--case snow: an animation shows all states" in refused("plot", job, "--animate", "--case", "snow")
+    """An animation shows the dynamic stage, so the option would have no effect."""
+    assert "--case snow: an animation shows" in refused("plot", job, "--animate", "--case", "snow")
 
 
 def test_mpirun_adds_no_lines_to_an_error(workshop, job):
