@@ -21,12 +21,12 @@ from numba import cuda, types
 from netfall.gpu import kernels, scalars
 
 CAPABILITY = (9, 0)  # of an H100
-REALS, WHOLES = types.Array(types.float64, 2, "C"), types.Array(types.int64, 2, "C")
+WHOLES = types.Array(types.int64, 2, "C")
 
 
 def signature():
     """Return the types of the arguments of `kernels.advance`."""
-    return WHOLES, REALS, types.Array(types.int64, 1, "C"), types.Array(types.uint64, 1, "C")
+    return WHOLES, types.Array(types.int64, 1, "C"), types.Array(types.uint64, 1, "C")
 
 
 def registers(ptx: Path) -> tuple[int, int]:

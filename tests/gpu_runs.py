@@ -1,4 +1,4 @@
-"""Run job.toml of folders on the CPU and in numba's simulator of a GPU: python gpu_runs.py HOW FOLDER ...
+"""Run job.toml of folders on the CPU and on a simulated GPU: python simulated_gpu.py gpu_runs HOW FOLDER ...
 
 HOW: alone, each net in all blocks as `netfall run` does; together, a net in each block, as studies do;
 crowded, the same on a device that has memory for one net only; looped, alone, but each launch runs the loop
@@ -7,14 +7,11 @@ Prints a line for each folder: its name, the exit codes, and the first datasets 
 """
 
 import gc
-import os
 import sys
 from collections import Counter
 from functools import partial
 from pathlib import Path
 from weakref import WeakSet
-
-os.environ["NUMBA_ENABLE_CUDASIM"] = "1"  # before numba is imported
 
 import numpy as np
 from results import differences
@@ -25,9 +22,9 @@ from netfall.core.progress import Progress
 from netfall.driver.run import run_job
 from netfall.driver.sample import run_sample
 from netfall.explicit.loop import Interval, time_loop
-from netfall.gpu import kernels, stepper
+from netfall.gpu import kernels, scalars, stepper
 from netfall.gpu.plan import plan_maker
-from netfall.gpu.stepper import Gpu, GpuNet, Together
+from netfall.gpu.stepper import Gpu, GpuNet
 from netfall.job.cache import ResultCache
 from netfall.job.read import read_job
 from netfall.parallel.mpi import MPI
@@ -54,7 +51,7 @@ def run_as_sample(folder: Path, device: str, gpu: Gpu | None = None) -> dict:
 
 def run_all_together(folders: list[Path]) -> list[dict]:
     """Return outcomes of runs on a GPU that steps several nets at once."""
-    gpu, results = Together(abort), {}
+    gpu, results = Gpu(abort), {}
     for folder in folders:
         gpu.start(lambda f=folder: results.update({f: run_as_sample(f, "gpu", gpu)}))
     gpu.join()
@@ -85,14 +82,16 @@ class LoopKernel:
     def __getitem__(self, size: tuple[int, int]) -> object:
         return self.advance
 
-    def advance(self, orders, lengths, inputs, memories) -> None:
+    def advance(self, orders, inputs, addresses) -> None:
         """Advance the only net."""
-        order, (memory,), work = orders[0], memories, memories[0].work
+        order, memory = orders[0], scalars.record_reader(None)(addresses[0])
+        work = memory.work
         memory.inputs[:] = inputs.copy_to_host()
         if order[kernels.TRIAL] and work.breaks:
             memory.saved[:] = memory.rest
         first, steps, stride, trial, row = order[: kernels.ROW + 1].copy_to_host().tolist()
-        interval = Interval(first, steps, *lengths[0].copy_to_host().tolist(), stride, trial > 0, 0, row > 0)
+        lengths = order[kernels.LENGTHS :].copy_to_host().view(float).tolist()
+        interval = Interval(first, steps, *lengths, stride, trial > 0, 0, row > 0)
         order[kernels.DONE], order[kernels.PENDING], _ = time_loop(interval, work)
         order[kernels.MADE], order[kernels.TABLE_ROWS] = work.rows.made
         order[kernels.EVENT_COUNT] = work.spare.events[0]

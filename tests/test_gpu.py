@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 import tomllib
@@ -15,17 +16,19 @@ import hypothesis
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from conftest import BIN, ENVIRONMENT, ROOT, run_netfall, run_process
+from conftest import ENVIRONMENT, ROOT, run_netfall, run_process
 from drawn_jobs import FLAGS, QUIET, WINDS, jobs
 from nets import bare_saddle
 from results import differences, figures
 
 from netfall.core.errors import InputError
-from netfall.gpu import stepper
+from netfall.gpu import memory, stepper
 
 ON_GPU = dict.fromkeys(FLAGS, True) | {"motion": False, "band": False, "rests": False}
 ALL = ON_GPU | {"logarithmic": False, "wind": "gusts"}
 OTHER = ON_GPU | {"fragments": False, "wind": "taps"}
+
+SIMULATED = (sys.executable, ROOT / "tests" / "simulated_gpu.py")
 
 JOB = bare_saddle(3, 2e4, side=20.0, rise=2.0, section=(1e11, 1e-4, 7850.0))
 JOB += "[dynamics]\nduration = 0.01\n"
@@ -56,7 +59,7 @@ def compare(folder: Path, drawn_from, count: int, how: str) -> Counter:
 
 def run_on_both(places: list[Path], how: str) -> Counter:
     """Run job.toml of each folder on CPU and simulated GPU; count the results of successful runs."""
-    command = [sys.executable, ROOT / "tests" / "gpu_runs.py", how, *places]
+    command = [*SIMULATED, "gpu_runs", how, *places]
     done = subprocess.run(command, capture_output=True, text=True, timeout=1800, env=os.environ)
     assert done.returncode == 0, done.stderr
     counts: Counter = Counter()
@@ -127,11 +130,12 @@ def test_a_study_on_a_gpu_has_the_outcomes_of_the_cpu(tmp_path):
     text = JOB.replace("[dynamics]", "fracture_strain = 0.0021\n[dynamics]") + GUSTS
     (tmp_path / "job.toml").write_text(text + "[[remove]]\nelements = [0]\ntime = 0.002\n")
     (tmp_path / "study.toml").write_text(STUDY)
+    environment = ENVIRONMENT | {"PYTHONWARNINGS": "ignore::RuntimeWarning"}  # 1 / 0 in kernels
     for device in ("cpu", "gpu"):
-        environment = {"NUMBA_ENABLE_CUDASIM": str(int(device == "gpu"))}
-        environment["PYTHONWARNINGS"] = "ignore::RuntimeWarning"  # 1 / 0 in kernels, not a warning on a GPU
         arguments = ("study.toml", "--workers", 1, "--device", device, "-o", f"{device}.study.h5")
-        run_process(BIN / "netfall", "study", *arguments, cwd=tmp_path, environment=ENVIRONMENT | environment)
+        launcher = ("--launcher", shlex.join(map(str, SIMULATED)) + " {ranks}")
+        line = (*SIMULATED, "netfall", "study", *arguments, *launcher)
+        run_process(*line, cwd=tmp_path, environment=environment)
     lines = differences(tmp_path / "cpu.study.h5", tmp_path / "gpu.study.h5")
     assert {line.partition(":")[0] for line in lines} <= {"provenance/command", "samples/seconds"}, lines
     with h5py.File(tmp_path / "gpu.study.h5", "r") as file:
@@ -143,9 +147,9 @@ def test_a_study_on_a_gpu_has_the_outcomes_of_the_cpu(tmp_path):
 
 FAULTY = """
 import os
-from netfall.gpu.stepper import GpuNet, Together
+from netfall.gpu.stepper import Gpu, GpuNet
 
-class Faulty(Together):
+class Faulty(Gpu):
     def launch(self, nets):
         raise OSError
 
@@ -166,11 +170,9 @@ def test_an_error_at_the_end_of_a_task_ends_the_tasks_that_wait():
 
 def test_a_net_too_large_for_the_device_waits_for_others_or_is_refused(monkeypatch):
     """It needs 2 GB of 1 GB, of which another net has a part."""
-    monkeypatch.setattr(stepper, "free_memory", lambda: 1e9)
-    net = SimpleNamespace(
-        allocate=lambda work: False, map=SimpleNamespace(staged=SimpleNamespace(size=1.8e9))
-    )
-    gpu, other = stepper.Gpu(), stepper.GpuNet()
+    monkeypatch.setattr(memory, "free_memory", lambda: 1e9)
+    net = SimpleNamespace(allocate=lambda work: False, staged=SimpleNamespace(size=1.8e9))
+    gpu, other = stepper.Gpu(), memory.GpuNet()
     gpu.nets.add(other)
     other.memory = np.zeros(1)
     monkeypatch.setattr(gpu, "advance", lambda net: other.release())
@@ -201,16 +203,22 @@ def test_unsupported_features_are_refused_or_run_on_the_cpu(tmp_path, more, rank
     assert f"error: --device gpu: not possible with {feature}. " in refused.stderr
 
 
-WITHOUT_MEMORY = "from netfall.gpu import stepper\nstepper.free_memory = lambda: 1e3\n"  # bytes
+WITHOUT_MEMORY = """
+import simulated_gpu
+simulated_gpu.use()
+from netfall.gpu import memory
+memory.free_memory = lambda: 1e3  # bytes
+from netfall.__main__ import main
+main()
+"""
 
 
 @pytest.mark.parametrize("device", ["gpu", "auto"])
 def test_a_net_that_does_not_fit_the_device_is_refused(tmp_path, device):
     """One line prints the needed and the free memory."""
     (tmp_path / "job.toml").write_text(JOB)
-    program = WITHOUT_MEMORY + "from netfall.__main__ import main\nmain()"
-    line = [sys.executable, "-c", program, "run", "job.toml", "--device", device]
-    environment = ENVIRONMENT | {"NUMBA_ENABLE_CUDASIM": "1"}
+    line = [sys.executable, "-c", WITHOUT_MEMORY, "run", "job.toml", "--device", device]
+    environment = ENVIRONMENT | {"PYTHONPATH": str(ROOT / "tests")}
     done = run_process(*line, cwd=tmp_path, environment=environment, code=2)
     fact = r"error: the net needs [\d.e-]+ GB of the GPU, and 1e-06 GB of it are free. Run with --device cpu"
     assert re.search(fact, done.stderr)
@@ -221,11 +229,8 @@ def test_a_gpu_gives_no_times_of_parts_of_a_step(tmp_path):
     """A GPU does not measure them: they were zero."""
     (tmp_path / "job.toml").write_text(JOB)
     for device in ("cpu", "gpu"):
-        run_process(
-            *(BIN / "netfall", "run", "job.toml", "--profile", "--device", device, "-o", f"{device}.vtkhdf"),
-            cwd=tmp_path,
-            environment=ENVIRONMENT | {"NUMBA_ENABLE_CUDASIM": str(int(device == "gpu"))},
-        )
+        arguments = ("job.toml", "--profile", "--device", device, "-o", f"{device}.vtkhdf")
+        run_process(*SIMULATED, "netfall", "run", *arguments, cwd=tmp_path, environment=ENVIRONMENT)
         with h5py.File(tmp_path / f"{device}.vtkhdf") as file:
             assert ("dynamics: positions" in file["provenance/timings"].attrs) == (device == "cpu")
 

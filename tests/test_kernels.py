@@ -10,7 +10,7 @@ from netfall.core.vectors import LANES
 from netfall.explicit.incidence import collect_elements
 from netfall.explicit.loop import Chunks, LoopState, chunk_forces, general_forces
 from netfall.explicit.plan import CHUNK, StepPlan
-from netfall.gpu.memory import MemoryMap, address_of
+from netfall.gpu.memory import GpuNet
 from netfall.parallel.halo import buffers_without_neighbours
 from netfall.parallel.subdomain import split_net
 from netfall.physics.elements import add_axial_forces
@@ -176,16 +176,17 @@ def test_fast_kernels_have_the_bits_of_the_general_one(scene):
 def test_kernels_work_on_a_copy_in_one_piece_of_memory(scene):
     """As on a GPU: tables with the addresses of the copy lead them there, and the original stays."""
     work = StepPlan(make_state(scene, 1600, lattice(), LATTICE, 2), NoHalo())._works[False]
-    places = MemoryMap(work)
+    places = GpuNet()
+    places.give_places(work)
     memory = np.zeros(places.staged.size + 64, np.uint8)
-    memory = memory[-address_of(memory) % 64 :]
+    memory = memory[-memory.ctypes.data % 64 :]
     for pairs in places.groups:
         for array, place in pairs:
             place[...] = array
-    places.write_tables(address_of(memory))
+    places.write_tables(memory.ctypes.data)
     memory[: places.staged.size] = places.staged
     copied = work.with_values()
-    copied.address = address_of(memory) + places.offsets[work.address]
+    copied.address = memory.ctypes.data + places.offsets[work.address]
     run_chunk(0, copied)
     assert not work.scratch.f.any()
     run_chunk(0, work)

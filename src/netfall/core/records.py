@@ -164,12 +164,6 @@ def _type_of(record: Record, context: Any) -> RecordType:
     return record.kind
 
 
-@extending.register_model(RecordType)
-class _Address(extending.models.PrimitiveModel):
-    def __init__(self, manager: Any, kind: RecordType):
-        super().__init__(manager, kind, WORD)
-
-
 @extending.unbox(RecordType)
 def _unbox(kind: RecordType, record: Any, c: Any) -> extending.NativeValue:
     attribute = c.pyapi.object_getattr_string(record, "address")
@@ -178,15 +172,6 @@ def _unbox(kind: RecordType, record: Any, c: Any) -> extending.NativeValue:
     return extending.NativeValue(number)
 
 
-@extending.infer_getattr
-class _Fields(AttributeTemplate):
-    key = RecordType
-
-    def generic_resolve(self, kind: RecordType, name: str) -> types.Type | None:
-        return kind.fields.get(name)
-
-
-@extending.lower_getattr_generic(RecordType)
 def read_field(context: Any, builder: Any, kind: RecordType, address: Any, name: str) -> Any:
     """Read a field. The table is constant, so a compiler may move the read out of a loop."""
     field, offset = kind.fields[name], kind.places[name]
@@ -219,3 +204,27 @@ def read_field(context: Any, builder: Any, kind: RecordType, address: Any, name:
         for k, value in enumerate(values):
             array = builder.insert_value(array, value, [model.get_field_position(name), k])
     return array
+
+
+def register_records(extension: Any, model: type[Any], template: type[Any]) -> None:
+    """Let compiled code read records, which it receives as addresses.
+
+    extension, model, template : `numba.extending`, `PrimitiveModel` and `AttributeTemplate` of a compiler
+    """
+
+    @extension.register_model(RecordType)
+    class Address(model):
+        def __init__(self, manager: Any, kind: RecordType):
+            super().__init__(manager, kind, WORD)
+
+    @extension.infer_getattr
+    class Fields(template):
+        key = RecordType
+
+        def generic_resolve(self, kind: RecordType, name: str) -> types.Type | None:
+            return kind.fields.get(name)
+
+    extension.lower_getattr_generic(RecordType)(read_field)
+
+
+register_records(extending, extending.models.PrimitiveModel, AttributeTemplate)

@@ -61,7 +61,7 @@ def run_tasks(device: str = "cpu") -> None:
     from netfall.driver.compile import compile_missing
     from netfall.driver.sample import run_sample, study_net
     from netfall.gpu.plan import plan_maker
-    from netfall.gpu.stepper import Together
+    from netfall.gpu.stepper import Gpu
     from netfall.job.cache import ResultCache
     from netfall.job.read import read_job
     from netfall.parallel.agree import on_root
@@ -78,7 +78,7 @@ def run_tasks(device: str = "cpu") -> None:
     os.dup2(2, 1)  # output of libraries must not mix with answers
     compile_missing(comm)  # one of several workers compiles for all
     send({"ranks": comm.size, "program": program_digest()})
-    cache, gpu = ResultCache(CACHE_SIZE), Together(abort) if device != "cpu" else None
+    cache, gpu = ResultCache(CACHE_SIZE), Gpu(abort) if device != "cpu" else None
 
     def run(task: dict[str, Any]) -> None:
         """Run a task, and send the answer from rank 0."""

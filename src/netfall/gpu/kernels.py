@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from netfall.core.vectors import number_of
 from netfall.explicit import energy_check, sampling
 from netfall.explicit.forces import Scratch, add_forces, general_density_of
 from netfall.explicit.fracture import breaks_at
@@ -31,9 +32,7 @@ meet: Any = None  # barrier of the threads of a net
 set_air_forces: Any = None
 net_number: Any = None  # returns the number of the net of this thread
 net_at: Any = None  # returns the `NetMemory` at an address
-atomic_add: Any = None  # (array, index, value): adds; returns the former value
-atomic_max: Any = None
-atomic_min: Any = None
+cuda: Any = None  # `numba.cuda`
 ScratchOfThread = namedtuple("ScratchOfThread", list(Scratch.kind.fields))  # type: ignore[misc]
 split: Any = split_particles
 remove: Any = remove_broken_element
@@ -42,8 +41,9 @@ remove: Any = remove_broken_element
 # FIRST to ROW : of an `Interval`; BEGIN : of the inputs of the net
 # MADE, TABLE_ROWS, EVENT_COUNT : out, counters of `Rows` and `Events`
 # DONE, PENDING : out, what `time_loop` returns first and second
-FIRST, STEPS, STRIDE, TRIAL, ROW, BEGIN, MADE, TABLE_ROWS, EVENT_COUNT, DONE, PENDING = range(11)
-COLUMNS = 11
+# LENGTHS : and after, the bits of before_dt to sample_dt of an `Interval`
+FIRST, STEPS, STRIDE, TRIAL, ROW, BEGIN, MADE, TABLE_ROWS, EVENT_COUNT, DONE, PENDING, LENGTHS = range(12)
+COLUMNS = LENGTHS + 5
 NO_NUMBER = 1 << 62  # larger than any number of an element or a particle
 
 
@@ -63,7 +63,7 @@ def total(count: Any, cells: Any) -> Any:
     if leads():
         cells[0] = 0
     meet()
-    atomic_add(cells, 0, count)
+    cuda.atomic.add(cells, 0, count)
     meet()
     return cells[0]
 
@@ -74,10 +74,10 @@ def agree(size: Any, number: Any, cells: Any) -> Any:
     if leads():
         cells[0], cells[1] = size, NO_NUMBER
     meet()
-    atomic_max(cells, 0, size)
+    cuda.atomic.max(cells, 0, size)
     meet()
     if cells[0] == size:
-        atomic_min(cells, 1, number)
+        cuda.atomic.min(cells, 1, number)
     meet()
     return cells[0], cells[1]
 
@@ -87,9 +87,9 @@ def add_exactly(values: Any, mask: Any, limbs: Any) -> None:
     for i in each(0, values.shape[0]):
         if mask.shape[0] == 0 or mask[i] != 0:
             k, low, middle, high = pieces_of(values[i])
-            atomic_add(limbs, k, low)
-            atomic_add(limbs, k + 1, middle)
-            atomic_add(limbs, k + 2, high)
+            cuda.atomic.add(limbs, k, low)
+            cuda.atomic.add(limbs, k + 1, middle)
+            cuda.atomic.add(limbs, k + 2, high)
 
 
 def sum_axial_forces(x: Any, observed: Any, observation: Any) -> None:
@@ -136,7 +136,7 @@ def step_particle(
         n_owned, elements = work.chunks.n_owned, work.elements
         for s in range(width):
             if breaks_at(s, p, x, n_owned, n_owned + work.chunks.n_halo, elements, slots, law):
-                k = atomic_add(count, 0, 1)
+                k = cuda.atomic.add(count, 0, 1)
                 elements.pending[k] = slots.element[s, p]
 
 
@@ -171,14 +171,14 @@ ABSENT = ("set_branches", "add_branches", "add_bending_forces", "add_slip_energi
 ABSENT += ("move_supports", "add_lap")
 
 
-def advance(orders: Any, lengths: Any, inputs: Any, addresses: Any) -> None:
+def advance(orders: Any, inputs: Any, addresses: Any) -> None:
     """Run `explicit.loop.time_loop` for an interval of each net, or of the single net.
 
-    orders : (nets, COLUMNS); lengths : (nets, 5) before_dt to sample_dt of an `Interval`
+    orders : (nets, COLUMNS)
     inputs : words of the arrays that the host has changed; addresses : (nets,) of a `NetMemory` each
     """
     net = net_number()
-    order, memory, length = orders[net], net_at(addresses[net]), lengths[net]
+    order, memory = orders[net], net_at(addresses[net])
     work, first, trial = memory.work, order[FIRST], order[TRIAL] != 0
     for k in each(0, memory.inputs.shape[0]):
         memory.inputs[k] = inputs[order[BEGIN] + k]
@@ -188,8 +188,14 @@ def advance(orders: Any, lengths: Any, inputs: Any, addresses: Any) -> None:
     if leads():
         work.counts[first % 3] = 0
     meet()
-    dts = length[0], length[1], length[2], length[3], length[4]
-    interval = Interval(first, order[STEPS], *dts, order[STRIDE], trial, 0, order[ROW] != 0)
+    before_dt, dt, zeta = (
+        number_of(order[LENGTHS]),
+        number_of(order[LENGTHS + 1]),
+        number_of(order[LENGTHS + 2]),
+    )
+    sample_time, sample_dt = number_of(order[LENGTHS + 3]), number_of(order[LENGTHS + 4])
+    lengths = before_dt, dt, zeta, sample_time, sample_dt
+    interval = Interval(first, order[STEPS], *lengths, order[STRIDE], trial, 0, order[ROW] != 0)
     done, pending, _ = time_loop(interval, work)
     if pending != 0:  # at the end of a trial, some threads have found it
         order[PENDING] = pending

@@ -14,9 +14,9 @@ from netfall.explicit.loop import Interval
 from netfall.explicit.plan import StepPlan
 from netfall.explicit.sampling import Table
 from netfall.gpu import messages
-from netfall.gpu.kernels import DONE, EVENT_COUNT, MADE, PENDING, ROW, TABLE_ROWS
-from netfall.gpu.memory import EVENTS, REST, TABLE
-from netfall.gpu.stepper import Gpu, GpuNet
+from netfall.gpu.kernels import DONE, EVENT_COUNT, LENGTHS, MADE, PENDING, ROW, TABLE_ROWS
+from netfall.gpu.memory import EVENTS, REST, TABLE, GpuNet
+from netfall.gpu.stepper import Gpu
 from netfall.gpu.target import cuda_module
 from netfall.physics.fields import Features
 from netfall.physics.state import State
@@ -128,7 +128,7 @@ class GpuPlan(StepPlan):
         made, count = work.rows.made, self.events.count
         order[:] = 0
         order[: ROW + 1] = interval.first, interval.steps, interval.stride, interval.trial, interval.row
-        net.lengths = interval[2:7]
+        order[LENGTHS:] = np.array(interval[2:7]).view(np.int64)
         self._gpu.advance(net)
         changes = {TABLE: order[MADE] != made[0], EVENTS: order[EVENT_COUNT] != count[0], REST: True}
         self._newer.update(group for group, has_changed in changes.items() if has_changed)

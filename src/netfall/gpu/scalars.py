@@ -1,12 +1,8 @@
-"""The operations of `core.vectors` for one number, on CUDA devices and in numba's simulator."""
+"""The operations of `core.vectors` for one number, on CUDA devices."""
 
-import ctypes
-import ctypes.util
 import math
 from collections.abc import Callable
 from importlib import import_module
-from threading import Barrier, current_thread
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,11 +11,7 @@ from netfall.core import vectors
 from netfall.core.records import is_present
 from netfall.gpu import kernels
 from netfall.gpu.memory import NetMemory
-from netfall.gpu.target import Translator, is_simulated, record_reader
-
-SIMULATED_THREADS = 3  # numba's simulator starts each as a Python thread
-
-# --- the same in the simulator and on a device
+from netfall.gpu.target import Translator, record_reader
 
 
 def _store(array: Any, row: Any, p: Any, value: Any) -> None:
@@ -62,19 +54,13 @@ SCALAR_FORMS: dict[Any, Callable[..., Any]] = {
 
 
 def make_translator(cuda: Any, in_blocks: bool) -> Translator:
-    """Return the translator of CPU kernels for `numba.cuda` or its simulator.
+    """Return the translator of CPU kernels for `numba.cuda`.
 
     in_blocks : whether a net has the threads of one block; otherwise one net has all threads
     """
-
-    def plain(function: Callable[..., Any]) -> Any:
-        return function
-
-    compiled = plain if is_simulated() else cuda.jit(device=True)
-    special = _in_simulator() if is_simulated() else _on_device(cuda, compiled, in_blocks)
-    names = {key: value for key, value in special.items() if isinstance(key, str)}
-    table = {operation: compiled(function) for operation, function in SCALAR_FORMS.items()}
-    table |= {key: value for key, value in special.items() if not isinstance(key, str)}
+    compiled = cuda.jit(device=True)
+    special, names = device_operations(cuda, compiled, in_blocks)
+    table = {operation: compiled(function) for operation, function in SCALAR_FORMS.items()} | special
     # functions of Python return the first of equal numbers
     names |= {
         "max": compiled(lambda a, b: b if b > a else a),
@@ -89,32 +75,10 @@ def make_translator(cuda: Any, in_blocks: bool) -> Translator:
     return translator
 
 
-def _in_simulator() -> dict[Any, Any]:
-    library = ctypes.PyDLL(ctypes.util.find_library("m"))  # no other thread runs during a call
-    library.fma.restype, library.fma.argtypes = ctypes.c_double, [ctypes.c_double] * 3
-
-    def fma(a: Any, b: Any, c: Any) -> Any:
-        return np.float64(library.fma(a, b, c))
-
-    atomic = import_module("numba.cuda.simulator.kernelapi").FakeCUDAAtomic()
-    return {
-        vectors.fma: fma,
-        vectors.sqrt: np.sqrt,
-        vectors.bits_of: lambda a: np.float64(a).view(np.int64),
-        vectors.number_of: lambda a: np.int64(a).view(np.float64),
-        "cuda": SimpleNamespace(local=SimpleNamespace(array=np.zeros)),
-        "net_number": lambda: current_thread().blockIdx.x,  # type: ignore[attr-defined]
-        "thread": lambda: current_thread().threadIdx.x,  # type: ignore[attr-defined]
-        "threads": lambda: SIMULATED_THREADS,
-        "meet": Barrier(SIMULATED_THREADS).wait,  # blocks run one after another
-        "product": lambda a, b: a * b,
-        "atomic_add": atomic.add,
-        "atomic_max": atomic.max,
-        "atomic_min": atomic.min,
-    }
-
-
-def _on_device(cuda: Any, compiled: Any, in_blocks: bool) -> dict[Any, Any]:
+def device_operations(
+    cuda: Any, compiled: Any, in_blocks: bool
+) -> tuple[dict[Any, Callable[..., Any]], dict[str, Any]]:
+    """Return operations by the intrinsic that they replace, and other names of kernels."""
     libdevice, types = import_module("numba.cuda.libdevice"), cuda.types
     overload = import_module("numba.cuda.extending").overload
 
@@ -138,15 +102,12 @@ def _on_device(cuda: Any, compiled: Any, in_blocks: bool) -> dict[Any, Any]:
         places = lambda: 0, lambda: cuda.grid(1), lambda: cuda.gridsize(1)
         meet = compiled(lambda: cuda.cg.this_grid().sync())
     return {
-        **dict(zip(("net_number", "thread", "threads"), map(compiled, places))),
-        "cuda": cuda,
-        "meet": meet,
         vectors.fma: compiled(lambda a, b, c: cuda.fma(a, b, c)),
         vectors.sqrt: math.sqrt,
         vectors.bits_of: compiled(lambda a: libdevice.double_as_longlong(a)),
         vectors.number_of: compiled(lambda a: libdevice.longlong_as_double(a)),
+    }, dict(zip(("net_number", "thread", "threads"), map(compiled, places))) | {
+        "cuda": cuda,
+        "meet": meet,
         "product": product,
-        "atomic_add": compiled(lambda array, index, value: cuda.atomic.add(array, index, value)),
-        "atomic_max": compiled(lambda array, index, value: cuda.atomic.max(array, index, value)),
-        "atomic_min": compiled(lambda array, index, value: cuda.atomic.min(array, index, value)),
     }

@@ -11,7 +11,6 @@ from __future__ import annotations  # also in functions that `Translator` compil
 
 import ast
 import inspect
-import os
 import textwrap
 import types
 from collections.abc import Callable
@@ -23,13 +22,13 @@ from typing import Any
 from netfall.core.errors import InputError
 from netfall.core.kernels import Routine
 from netfall.core.messages import MISSING_PACKAGE
-from netfall.core.records import WORD, RecordType, read_field
+from netfall.core.records import RecordType, register_records
 from netfall.gpu import messages
 
 
 def cuda_module() -> Any:
     """Return `numba.cuda`. Raises InputError if it is not installed, or if there is no device."""
-    if not is_simulated() and find_spec("numba_cuda") is None:
+    if find_spec("numba_cuda") is None:
         raise InputError(MISSING_PACKAGE(package="numba-cuda", extra="gpu"))
     cuda: Any = import_module("numba.cuda")
     if not cuda.is_available():
@@ -37,36 +36,15 @@ def cuda_module() -> Any:
     return cuda
 
 
-def is_simulated() -> bool:
-    """Return whether `numba.cuda` is numba's simulator, which runs kernels in Python."""
-    return os.environ.get("NUMBA_ENABLE_CUDASIM", "0") != "0"
-
-
 @cache
 def record_reader(kind: RecordType) -> Any:
     """Return the function of kernels that returns the record of a type at an address.
 
-    Kernels read its fields as on the CPU. In the simulator the address is the record itself.
+    Kernels read its fields as on the CPU.
     """
-    if is_simulated():
-        return lambda record: record
-    extending: Any = import_module("numba.cuda.extending")
-    model: Any = import_module("numba.cuda.datamodel.models").PrimitiveModel
-    template: Any = import_module("numba.cuda.typing.templates").AttributeTemplate
-
-    @extending.register_model(RecordType)
-    class Address(model):  # type: ignore[misc]
-        def __init__(self, manager: Any, kind: RecordType):
-            super().__init__(manager, kind, WORD)
-
-    @extending.infer_getattr
-    class Fields(template):  # type: ignore[misc]
-        key = RecordType
-
-        def generic_resolve(self, kind: RecordType, name: str) -> Any:
-            return kind.fields.get(name)
-
-    extending.lower_getattr_generic(RecordType)(read_field)
+    names = "extending", "datamodel.models", "typing.templates"
+    extending, models, templates = (import_module(f"numba.cuda.{name}") for name in names)
+    register_records(extending, models.PrimitiveModel, templates.AttributeTemplate)
 
     def record_at(typing: Any, address: Any) -> Any:
         return kind(address), lambda context, builder, signature, values: values[0]
@@ -115,7 +93,7 @@ class Products(ast.NodeTransformer):
         return self.generic_visit(node)
 
 
-def source_without_products(function: types.FunctionType) -> ast.Module:
+def source_without_products(function: Any) -> ast.Module:
     """Return the definition of a function without decorators, and with `product` for `*`."""
     tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
     definition = tree.body[0]
@@ -147,27 +125,18 @@ class Translator:
         return self._done[id(kernel)]
 
     def plain(self, kernel: Any) -> Any:
-        """Return the Python function of a kernel, to be compiled by `cuda.jit`."""
+        """Return the Python function of a kernel with calls of `product` and of translated functions."""
         function = kernel.function if isinstance(kernel, Routine) else getattr(kernel, "py_func", kernel)
-        return self._translated(function)
-
-    def _translated(self, function: Any) -> Any:
-        """Return the function with calls of `product`, and with translated callees."""
         visible = dict(function.__globals__)
         for name, cell in zip(function.__code__.co_freevars, function.__closure__ or ()):
             visible[name] = cell.cell_contents
         tree = source_without_products(function)
         used = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
-        others = (used & visible.keys()) - self.names.keys()
-        namespace = {name: self._value(visible[name]) for name in others} | self.names
+        namespace = dict(self.names)
+        for name in (used & visible.keys()) - namespace.keys():
+            value = visible[name]
+            is_function = isinstance(value, types.FunctionType) and value.__module__.startswith("netfall.")
+            is_kernel = isinstance(value, Routine) or hasattr(value, "py_func") or is_function
+            namespace[name] = self.translate(value) if is_kernel or id(value) in self._done else value
         exec(compile(tree, inspect.getfile(function), "exec"), namespace)
         return namespace[function.__name__]
-
-    def _value(self, value: Any) -> Any:
-        """Return the value of a kernel's global name on the device."""
-        if id(value) in self._done:
-            return self._done[id(value)]
-        is_function = isinstance(value, types.FunctionType) and value.__module__.startswith("netfall.")
-        if isinstance(value, Routine) or hasattr(value, "py_func") or is_function:
-            return self.translate(value)
-        return value
