@@ -293,7 +293,7 @@ def test_a_slurm_script_is_resubmitted_only_after_its_time_limit(tmp_path, name,
     script.send_signal(number)
     log = script.communicate(timeout=30)[1]
     assert script.returncode == (0 if again else 4)
-    assert ("form finding and erection take longer than --time" in log) == (restart == 1)
+    assert ("or an equilibrium, take longer than --time" in log) == (restart == 1)
     assert (tmp_path / "submitted").exists() == again
 
 
