@@ -30,7 +30,7 @@ from netfall.explicit import forces
 from netfall.explicit.fracture import any_exceeds_fracture_strain, break_elements, check_limits
 from netfall.explicit.incidence import collect_elements, update_slip_lengths
 from netfall.explicit.motion import advance_halo, move_vector, store_totals, total_forces, update_velocities
-from netfall.explicit.sampling import Rows, is_due
+from netfall.explicit.sampling import Rows, is_due, record_new_extreme
 from netfall.parallel import halo
 from netfall.parallel.mpi_calls import add_lap
 from netfall.physics.air import RelativeWind
@@ -78,6 +78,7 @@ class Chunks(Record):
     Chunks of owned particles come first; the first `boundary` of them hold the boundary particles. From chunk
     `owned` on follow chunks of the particles that split off, `size` in each, some still empty.
     low, high : (chunks,) particles of each; width : (chunks,) largest number of elements at one of them
+    first_support : (chunks + 1,) of `Rows.supports` in each; all equal if forces of steps are not recorded
     has_yielded : (chunks,) whether any of its elements may have plastic strain
     in_line : (n,) whether the far ends of the LANES particles from one on are consecutive in each slot
     """
@@ -90,6 +91,7 @@ class Chunks(Record):
     low: i8
     high: i8
     width: i8
+    first_support: i8
     has_yielded: u1
     in_line: u1
 
@@ -343,7 +345,9 @@ def move_any(
 
 
 @inner_kernel
-def step_particles(turned: int, dt_v: float, zeta: float, share: float, dt: float, work: LoopState) -> int:
+def step_particles(
+    n: int, turned: int, dt_v: float, zeta: float, share: float, dt: float, work: LoopState
+) -> int:
     """Step the owned particles and send the boundary forces; return the number of breaking elements.
 
     A negative result is minus MPI's error code.
@@ -356,6 +360,9 @@ def step_particles(turned: int, dt_v: float, zeta: float, share: float, dt: floa
         if chunks.high[c] == chunks.low[c]:
             continue
         at_limit = chunk_forces(c, turned, work)
+        for i in range(chunks.first_support[c], chunks.first_support[c + 1]):
+            column = work.rows.supports[i] - chunks.low[c]
+            record_new_extreme(i, column, turned, n * dt, share, work.scratch.f, work.rows)
         keeps_forces = int(at_limit != 0 or c < chunks.boundary)
         call(work.move_chunk, (c, keeps_forces, turned, dt_v, zeta, share, dt, work))
         if at_limit != 0:
@@ -411,7 +418,7 @@ def advance_step(
         slip_arguments = n * dt, dt_v, share, work.slip_points, particles, work.elements, law
         call(work.update_slip_velocities, slip_arguments)
     buffer = halo.current_buffer(work.buffers)
-    count = step_particles(in_second, dt_v, zeta, share, dt, work)
+    count = step_particles(n, in_second, dt_v, zeta, share, dt, work)
     if count >= 0 and work.receive_forces != 0:
         error = call(work.receive_forces, (buffer, in_second, dt_v, zeta, dt, work))
         if error != 0:

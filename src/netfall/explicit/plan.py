@@ -126,12 +126,13 @@ class StepPlan:
         fragments = self.rules is not None and state.features.fragments
         most_rows = len(state.x) if fragments else UNLIMITED_ROWS
         particles, f = state.particles, state.features
+        second = allocate_columns(3, particles.x.shape[1], float, len(FIELDS))
         exchanges = self.halo.boundary > 0 or state.n_halo > 0
         return LoopState(
             traits=feature_bits(state),
             chunks=self._chunks_of(state),
             particles=particles,
-            y=allocate_columns(3, particles.x.shape[1], float, len(FIELDS)),
+            y=second,
             elements=state.elements,
             slots=state.slots,
             law=state.law,
@@ -143,7 +144,7 @@ class StepPlan:
             slip_points=state.slip_points or SlipPoints.absent(),
             ground=self.ground or Ground.absent(),
             relative=state.relative_wind() or RelativeWind.absent(),
-            rows=self.rows.of(state) if self.rows else no_rows(),
+            rows=self.rows.of(state, second) if self.rows else no_rows(),
             buffers=self.halo.buffers,
             counts=np.zeros(3, np.int64),
             seconds=empty(f8),
@@ -173,6 +174,8 @@ class StepPlan:
         new = np.arange(state.first_split, len(state.x), CHUNK)
         low = np.concatenate([self._low, new])
         high = np.concatenate([self._high, np.clip(state.n_local, new, new + CHUNK)])
+        support_at = self.rows.envelope.support_at if self.rows else np.zeros(0, np.int64)
+        first_support = np.searchsorted(np.flatnonzero(support_at >= 0), np.append(low, state.n_local))
         has_yielded = np.zeros(len(low), np.uint8)
         if state.slot_eps_p is not None:
             has_yielded[:] = [state.slot_eps_p[:, a:b].any() for a, b in zip(low, high)]
@@ -185,6 +188,7 @@ class StepPlan:
             low,
             high,
             np.concatenate([self._width, np.ones(len(new), np.int64)]),
+            first_support,
             has_yielded,
             particles_in_line(state),
         )

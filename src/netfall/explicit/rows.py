@@ -15,11 +15,17 @@ import numpy as np
 
 from netfall.core.records import empty, f8, i8, i8_2
 from netfall.explicit.energy import make_snapshot
-from netfall.explicit.sampling import LocalProbes, Rows, Table, update_moments, update_tension_envelope
+from netfall.explicit.sampling import (
+    LocalProbes,
+    Rows,
+    Table,
+    include_reaction,
+    update_moments,
+    update_tension_envelope,
+)
 from netfall.model.layout import Probes
 from netfall.parallel.subdomain import Distribution, Subdomain
 from netfall.parallel.sums import LIMBS
-from netfall.physics.fields import REMOVED_BY_ERECTION
 from netfall.physics.state import State
 
 TENSION = ("tension_max", "tension_max_time", "tension_min", "slack_time")  # (m,), of elements
@@ -32,10 +38,10 @@ class DynamicEnvelope:
     """The envelope of one rank. Its rows have the order of TENSION and DISPLACEMENT.
 
     tension : (4, m); displacement : (2, n_owned)
-    reaction : (16, h) [N] highest components, lowest components, largest magnitude and its time [s], highest
-        and lowest force of the only element so far, unit vector along it, load of the support
+    reaction : (15, h) [N] highest components, lowest components, largest magnitude and its time [s]; of the
+        internal force of each step: highest components, lowest components, largest square
     supports : (h,) rows of the particles with a support, rigid, elastic or guided
-    anchored : (2, h) their only elements if forces of each step are recorded, as in `explicit.sampling.Rows`
+    support_at : (n_owned,) as in `explicit.sampling.Rows`
     moment : (m,) [N m] the largest bending moment, nan: no bending; None: no bending chains
     """
 
@@ -46,36 +52,17 @@ class DynamicEnvelope:
         if state.turned is not None:
             held[:, 0] |= state.turned[:, :2].any(1)
         self.supports = np.flatnonzero(held[: subdomain.n_owned].any(1))
-        self.anchored = np.full((2, len(self.supports)), -1)
-        self.find_anchored(state)
-        self.reaction = np.full((16, len(self.supports)), -np.inf)
-        self.reaction[3:6] = self.reaction[9] = np.inf
-        self.reaction[10:] = 0.0
+        self.support_at = np.full(subdomain.n_owned, -1)
+        if state.highest is not None:
+            self.support_at[self.supports] = np.arange(len(self.supports))
+        self.reaction = np.full((15, len(self.supports)), -np.inf)
+        self.reaction[3:6] = self.reaction[11:14] = np.inf
         # Not np.zeros: on untouched pages a masked store costs some hundred cycles.
         self.tension = np.full((len(TENSION), len(subdomain.element_gid)), 0.0)
         self.tension[0], self.tension[2] = -np.inf, np.inf
         self.displacement = np.full((len(DISPLACEMENT), subdomain.n_owned), 0.0)
         self.displacement[0] = -1.0
         self.moment = np.full(len(subdomain.element_gid), np.nan) if state.joints is not None else None
-
-    def find_anchored(self, state: State) -> None:
-        """Update `anchored`, at the start and after each removal; broken elements count, removed ones do not.
-
-        Between two updates of the envelope, forces matter, with their directions, only if they are recorded.
-        """
-        if state.highest is None:
-            return
-        ends, elements = self.distribution.subdomain.ends.astype(np.int64), np.full(state.n_local, -1)
-        is_present = state.broken != REMOVED_BY_ERECTION
-        if state.lost is not None:
-            is_present &= state.lost == 0
-        present = np.flatnonzero(is_present)
-        elements[ends[present]] = present[:, None]
-        single = np.bincount(ends[present].ravel(), minlength=state.n_local)[self.supports] == 1
-        if state.joints is not None:  # the shear of bending chains adds to the axial force
-            single &= ~np.isin(self.supports, state.joints.particles)
-        only = np.where(single, elements[self.supports], -1)
-        self.anchored[:] = only, ends[only].sum(1) - self.supports
 
     def include_extremes(self, time: float, state: State) -> None:
         """Include the extremes of all steps so far, at a time [s], if the state records them."""
@@ -166,8 +153,11 @@ class RowTable:
             np.zeros((k, 3), np.int64),
         )
 
-    def of(self, state: State) -> Rows:
-        """Return the rows for the time loop. They stay valid as long as the arrays of the state do."""
+    def of(self, state: State, second: np.ndarray) -> Rows:
+        """Return the rows for the time loop. They stay valid as long as the arrays of the state do.
+
+        second : (3, n) [m] second position array of the loop
+        """
         if not self.snapshot.fits(state):
             self.snapshot = make_snapshot(state)
         return Rows(
@@ -181,8 +171,10 @@ class RowTable:
             displacement=self.envelope.displacement,
             moment=empty(f8) if self.envelope.moment is None else self.envelope.moment,
             supports=self.envelope.supports,
-            anchored=self.envelope.anchored,
+            support_at=self.envelope.support_at,
+            second=second,
             reaction=self.envelope.reaction,
+            include_reaction=include_reaction.address,
             update_moments=update_moments.address_if(self.envelope.moment is not None),
             joint_at=empty(i8_2) if state.joint_at is None else state.joint_at,
             local=self.local,

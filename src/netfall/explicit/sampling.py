@@ -17,10 +17,8 @@ from netfall.core.records import Record, f8, f8_2, i8, i8_2, i8_3, is_present, r
 from netfall.core.threads import agree, each, leads, meet
 from netfall.core.vectors import bits_of, number_of
 from netfall.explicit.energy_check import ObservationArrays, ObservedState
-from netfall.explicit.forces import Scratch
 from netfall.explicit.motion import total_forces
 from netfall.physics.bending import joint_moment
-from netfall.physics.element_step import LENGTH2_OFFSET
 from netfall.physics.elements import ElementState
 from netfall.physics.fields import Elements, Particles
 
@@ -70,10 +68,11 @@ class Rows(Record):
     every : counted steps after which the envelope is updated if no row is made
     last : (1,) number of the step of the last envelope update
     element_gid : (m,); joint_at : (m, 2) joints at both ends of elements, as in `State`
-    tension : (4, m), displacement : (2, n_owned), moment : (m,), reaction : (16, h), as in `explicit.rows`
-    supports : (h,) rows of the particles with a support
-    anchored : (2, h) the only element at each of them, and the row of its far end; -1: several, or none, or
-        forces of each step are not recorded
+    tension : (4, m), displacement : (2, n_owned), moment : (m,), reaction : (15, h), as in `explicit.rows`
+    supports : (h,) rows of the particles with a support, ascending
+    support_at : (n_owned,) support of each particle whose forces of each step are recorded, otherwise -1
+    second : (3, n) [m] second position array of the loop
+    include_reaction : address of this routine
     update_moments : address of this routine; 0 without moments
     """
 
@@ -87,8 +86,10 @@ class Rows(Record):
     displacement: f8_2
     moment: f8
     supports: i8
-    anchored: i8_2
+    support_at: i8
+    second: f8_2
     reaction: f8_2
+    include_reaction: whole
     update_moments: whole
     joint_at: i8_2
     local: LocalProbes
@@ -159,11 +160,11 @@ def update_envelope(number: int, share: float, rows: Rows) -> None:
         update_element_envelope(e, time, since, rows)
     for p in each(0, rows.displacement.shape[1]):
         update_particle_envelope(p, time, rows)
-    scratch, f_int = rows.observation.scratch, rows.observation.f_int
+    f_int = rows.observation.f_int
     for i in each(0, rows.supports.shape[0]):
-        for k in range(3):
-            scratch.f[k, 0] = f_int[k, rows.supports[i]]
-        update_reaction_envelope(i, time, share, rows, scratch)
+        p = rows.supports[i]
+        fx, fy, fz = f_int[0, p], f_int[1, p], f_int[2, p]
+        call(rows.include_reaction, (i, 0, 0, time, share, fx, fy, fz, rows))
     if is_present(elements.highest):
         update_tension_envelope(time, elements.highest, elements.lowest, tension)
     if is_present(rows.moment):
@@ -193,70 +194,56 @@ def update_particle_envelope(p: int, time: float, rows: Rows) -> None:
         displacement[0, p], displacement[1, p] = u, time
 
 
-@copied_kernel
-def update_reaction_envelope(i: int, time: float, share: float, rows: Rows, scratch: Scratch) -> None:
-    """Include the reaction of support i at a time [s], and those at new peaks of its only element until then.
+@part_of_kernel
+def record_new_extreme(
+    i: int, column: int, in_second: int, time: float, share: float, f: FloatArray, rows: Rows
+) -> None:
+    """Include the reaction of support i at a time [s] if its internal force has a new extreme.
 
-    share : position between two samples of the loads; scratch.f : (3, ...) internal forces [N] on it
+    column : of f (3, ...) [N]; in_second, share : as of `include_reaction`
     """
-    p, observed, f, external = rows.supports[i], rows.observed, scratch.f, scratch.external
-    particles = observed.particles
-    total_forces(p, p + 1, 0, 0.0, 0.0, share, observed.traits, particles.x, particles, scratch)
-    if is_present(particles.air):
-        for k in range(3):
-            external[k, 0] -= scratch.pull[0] * particles.air[k, p]
-    if rows.anchored[0, i] >= 0:
-        update_anchor(i, rows, external)
+    reaction, square, is_new = rows.reaction, 0.0, False
     for k in range(3):
-        f[k, 0] += external[k, 0]
-    for peak in range(3):
-        if peak == 0 or write_new_peak(i, peak, rows, f):
-            include_reaction(i, time, rows, f)
-
-
-@part_of_kernel
-def update_anchor(i: int, rows: Rows, load: FloatArray) -> None:
-    """Update the unit vector along the only element at support i, and the load (3, ...) [N] of the support.
-
-    A broken element keeps those of the last update before: its far end may have moved far, and its support
-    may have lost the wind.
-    """
-    e, far, p, anchor = rows.anchored[0, i], rows.anchored[1, i], rows.supports[i], rows.reaction[10:, i]
-    x, elements = rows.observed.particles.x, rows.observed.elements
-    if elements.broken[e] == 0:
-        dx, dy, dz = x[0, far] - x[0, p], x[1, far] - x[1, p], x[2, far] - x[2, p]
-        L = max(math.sqrt(dx * dx + dy * dy + dz * dz), LENGTH2_OFFSET)
-        anchor[0], anchor[1], anchor[2] = dx / L, dy / L, dz / L
-        anchor[3], anchor[4], anchor[5] = load[0, 0], load[1, 0], load[2, 0]
-
-
-@part_of_kernel
-def write_new_peak(i: int, peak: int, rows: Rows, f: FloatArray) -> bool:
-    """Write the force [N] on support i to f (3, ...) if the extreme of its only element is new; return that.
-
-    peak : 1 for the highest axial force since the start, 2 for the lowest
-    """
-    e, elements, is_new, N = rows.anchored[0, i], rows.observed.elements, False, 0.0
-    if e >= 0 and peak == 1 and is_present(elements.highest):
-        N = elements.highest[e]
-        is_new = N > rows.reaction[8, i]
-    if e >= 0 and peak == 2 and is_present(elements.lowest):
-        N = elements.lowest[e]
-        is_new = N < rows.reaction[9, i]
-    if is_new:
-        rows.reaction[7 + peak, i] = N
+        force = f[k, column]
+        square += force * force
+        is_new = is_new or force > reaction[8 + k, i] or force < reaction[11 + k, i]
+    if is_new or square > reaction[14, i]:
         for k in range(3):
-            f[k, 0] = N * rows.reaction[10 + k, i] + rows.reaction[13 + k, i]
-    return is_new
+            reaction[8 + k, i] = max(reaction[8 + k, i], f[k, column])
+            reaction[11 + k, i] = min(reaction[11 + k, i], f[k, column])
+        reaction[14, i] = max(reaction[14, i], square)
+        fx, fy, fz = f[0, column], f[1, column], f[2, column]
+        call(rows.include_reaction, (i, 1, in_second, time, share, fx, fy, fz, rows))
 
 
-@copied_kernel
-def include_reaction(i: int, time: float, rows: Rows, f: FloatArray) -> None:
+@routine(whole, whole, whole, real, real, real, real, real, Rows)
+def include_reaction(
+    i: int,
+    with_supports: int,
+    in_second: int,
+    time: float,
+    share: float,
+    fx: float,
+    fy: float,
+    fz: float,
+    rows: Rows,
+) -> int:
     """Include the reaction of support i at a time [s], as of `statics.reactions.compute_balance`.
 
-    f : (3, ...) internal and external forces [N] on it
+    with_supports : as of `motion.total_forces`; in_second : whether the positions are in the second array
+    share : position between two samples of the loads; fx, fy, fz : internal force on the support [N]
     """
-    p, particles, reaction = rows.supports[i], rows.observed.particles, rows.reaction
+    p, observed, scratch, reaction = rows.supports[i], rows.observed, rows.observation.scratch, rows.reaction
+    particles, f = observed.particles, scratch.f
+    x = particles.x
+    if in_second:
+        x = rows.second
+    f[0, 0], f[1, 0], f[2, 0] = fx, fy, fz
+    total_forces(p, p + 1, with_supports, 0.0, 0.0, share, observed.traits, x, particles, scratch)
+    for k in range(3):
+        f[k, 0] += scratch.external[k, 0]
+        if is_present(particles.air):
+            f[k, 0] -= scratch.pull[0] * particles.air[k, p]
     turned, along, square = is_present(particles.turned), 0.0, 0.0
     if turned:
         nx, ny = particles.turned[0, p], particles.turned[1, p]
@@ -266,19 +253,20 @@ def include_reaction(i: int, time: float, rows: Rows, f: FloatArray) -> None:
         if particles.free[k, p]:
             force = along * particles.turned[k, p] if turned and k < 2 else 0.0
             if is_present(particles.spring):
-                force += particles.spring[k, p] * elongation_of(k, p, particles)
+                force += particles.spring[k, p] * elongation_of(k, p, x, particles)
                 if turned and k < 2:
-                    force += particles.turned[2, p] * elongation_of(1 - k, p, particles)
+                    force += particles.turned[2, p] * elongation_of(1 - k, p, x, particles)
         reaction[k, i], reaction[3 + k, i] = max(reaction[k, i], force), min(reaction[3 + k, i], force)
         square += force * force
     if math.sqrt(square) > reaction[6, i]:
         reaction[6, i], reaction[7, i] = math.sqrt(square), time
+    return 0
 
 
 @part_of_kernel
-def elongation_of(k: int, p: int, particles: Particles) -> float:
-    """Return the elongation [m] of the spring of particle p along axis k."""
-    return (particles.x[k, p] - particles.x_start[k, p]) - particles.spring_rest[k, p]
+def elongation_of(k: int, p: int, x: FloatArray, particles: Particles) -> float:
+    """Return the elongation [m] of the spring of particle p along axis k at positions x (3, n) [m]."""
+    return (x[k, p] - particles.x_start[k, p]) - particles.spring_rest[k, p]
 
 
 @kernel

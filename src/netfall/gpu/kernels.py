@@ -20,6 +20,7 @@ from netfall.explicit.forces import Scratch, add_forces, general_density_of
 from netfall.explicit.fracture import breaks_at
 from netfall.explicit.loop import Interval, both_positions, time_loop
 from netfall.explicit.motion import store_totals, total_forces, update_velocities
+from netfall.explicit.sampling import record_new_extreme
 from netfall.parallel.sums import pieces_of
 from netfall.physics import air
 from netfall.physics.fields import EMPTY
@@ -116,18 +117,22 @@ def break_element(e: Any, time: Any, step: Any, dt: Any, elements: Any, law: Any
 
 
 def step_particle(
-    p: Any, width: Any, moment: Any, count: Any, x: Any, y: Any, work: Any, scratch: Any
+    p: Any, width: Any, moment: Any, count: Any, in_second: Any, work: Any, scratch: Any
 ) -> None:
     """Advance particle p from x to y, and list its elements that reach their fracture strain.
 
-    width : largest number of its elements; moment : dt_v [s], share, dt [s], zeta [1/s] of the step
+    width : largest number of its elements
+    moment : time [s], dt_v [s], share, dt [s], zeta [1/s] of the step
     count : (1,) number of listed elements
     """
-    dt_v, share, dt, zeta = moment
-    particles, slots, law = work.particles, work.slots, work.law
+    time, dt_v, share, dt, zeta = moment
+    particles, slots, law, rows = work.particles, work.slots, work.law, work.rows
+    x, y = both_positions(in_second, work)
     at_limit = add_forces(
         p, p + 1, width, work.chunks.in_line, False, True, general_density_of, x, slots, law, scratch
     )
+    if p < rows.support_at.shape[0] and rows.support_at[p] >= 0:
+        record_new_extreme(rows.support_at[p], 0, in_second, time, share, scratch.f, rows)
     total_forces(p, p + 1, 1, dt_v, zeta, share, work.traits, x, particles, scratch)
     if at_limit:
         store_totals(p, p + 1, particles, scratch)
@@ -150,13 +155,13 @@ def advance_step(
     dt_v, chunks, scratch = 0.5 * (before_dt + dt), work.chunks, work.scratch
     if work.set_air_forces != 0:
         set_air_forces(dt_v, zeta, share, changed, work.relative, work.particles)
-    moment, count, (x, y) = (dt_v, share, dt, zeta), work.counts[n % 3 :], both_positions(in_second, work)
+    moment, count = (n * dt, dt_v, share, dt, zeta), work.counts[n % 3 :]
     if leads():
         work.counts[(n + 1) % 3] = 0
     for p in each(0, chunks.n_owned):
-        step_particle(p, chunks.width[p // chunks.size], moment, count, x, y, work, scratch)
+        step_particle(p, chunks.width[p // chunks.size], moment, count, in_second, work, scratch)
     for p in each(chunks.n_owned + chunks.n_halo, work.spare.rows[0]):
-        step_particle(p, 1, moment, count, x, y, work, scratch)
+        step_particle(p, 1, moment, count, in_second, work, scratch)
     meet()
     return count[0]
 

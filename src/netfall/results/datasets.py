@@ -133,9 +133,9 @@ probe_element | k | | rows of the elements
 element_tension | t, k | N | axial force of `[output] elements`, all parts of subdivided ones
 element | k | | rows of these elements
 element_id | k | | their ids in the tables
-/envelope | Extremes over rows of the history and at least every 50 steps; axial forces over all steps if
-    elements can yield or break, loads act at once or supports move. Rows h apart miss up to 1 - cos(pi h / T)
-    of the amplitude of a vibration of the period T: 19 % with 0.01 s and 20 Hz. | [dynamics]
+/envelope | Extremes over rows of the history and at least every 50 steps; axial forces and reactions over all
+    steps if elements can yield or break, loads act at once or supports move. Rows h apart miss up to 1 -
+    cos(pi h / T) of the amplitude of a vibration of the period T: 19 % with 0.01 s and 20 Hz. | [dynamics]
 tension_max | m | N | largest axial force; in rows of the history also of the remainder of a broken element
 tension_max_time | m | s | time of the first row, or end of the step, with this force
 tension_min | m | N | smallest axial force; with bars over the same steps as the largest, and if members are
@@ -145,9 +145,9 @@ slack_time | m | s | time in which a cable was slack; a cable that is slack in a
     before
 displacement_max | n | m | largest displacement of a node, as in `/VTKHDF`; fragments do not count
 displacement_max_time | n | s | time of the first row with this displacement
-reaction_max | n | N | largest magnitude of the reaction, without inertia of the node; at a support of one
-    element outside bending chains also at the extremes of its axial force
-reaction_max_time | n | s | time of the first row at or after this reaction
+reaction_max | n | N | largest magnitude of the reaction, without inertia of the node, over the same steps as
+    the largest axial force; at elastic supports and bending chains only where the pull of the elements peaks
+reaction_max_time | n | s | time of the step or row with this reaction
 reaction_highest | n, 3 | N | highest components, with sign
 reaction_lowest | n, 3 | N | lowest components
 /removal | Member removal, one row for each entry of `[[remove]]`; nan: its time is after the end. |

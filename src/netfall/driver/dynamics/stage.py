@@ -292,7 +292,6 @@ class Simulation(Stepper):
         self.state.include_extremes(elements.N)
         self.envelope.include_extremes(self.time, self.state)
         redistribution = removal.remove_from(self.state, elements, self.time, self.before_dt, self.dt)
-        self.envelope.find_anchored(self.state)
         self.plan.attach(self.state)
         self.redistribute(redistribution)
         self.loads.update_samples(self.state)

@@ -351,9 +351,8 @@ def _reactions(f: h5py.File, table: dict[str, np.ndarray]) -> list[str]:
         top = int(np.argmax(largest))
         lines += [
             f"Largest in motion: {md.force(largest[top])} at node {f['net/node_id'][top]}, "
-            f"t = {e['reaction_max_time'][top]:.4g} s, over rows of the history and at least every 50 steps.",
-            "Shorter peaks count at supports of one element outside bending chains; elsewhere",
-            "they appear only in the tensions.",
+            f"t = {e['reaction_max_time'][top]:.4g} s, over rows of the history and at least every 50 steps;",
+            "over all steps if elements can yield, break or are removed, loads act at once or supports move.",
             "",
         ]
     lines += md.as_table(["stage", "sum in x", "sum in y", "sum in z", "largest"], rows)
