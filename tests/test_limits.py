@@ -137,6 +137,7 @@ def test_a_limit_of_a_removed_group_has_no_nodes(workshop):
     [
         ("displacement = 'span/250'\n", '[limits] span: missing. displacement = "span/250" is a share of it'),
         ("[limits.group.lower]\ndisplacement = 'span/9'\n", "[limits.group.lower] span: missing."),
+        ("displacement = 'span/9'\nspan = 'x'\n", '[limits] span = "x": expected a number'),
         ("displacement = '250/span'\n", 'm, or a share of the span such as "span/250"'),
         ("displacement = 'span/0'\n", 'm, or a share of the span such as "span/250"'),
         ("from = 'load'\n", 'from = "load": expected one of "permanent", "form"'),
@@ -153,10 +154,11 @@ def test_a_limit_of_a_removed_group_has_no_nodes(workshop):
     ],
 )
 def test_wrong_limits_are_refused(workshop, limits, message):
-    """With the place, the value and the allowed range."""
+    """One line each, with the place, the value and the allowed range."""
     text = LIMITED.replace("displacement = '2 mm'\n", limits)
     job = workshop.job(text, ROOFED, FACES)
-    assert message in "\n".join(error_lines(lambda: build_net(read_job(job))))
+    (line,) = error_lines(lambda: build_net(read_job(job)))
+    assert message in line
 
 
 def test_a_case_has_its_loads_in_the_result(dead):

@@ -66,18 +66,21 @@ def combined_errors(
     yield from _removal_errors(given, checked["load"], lists["removes"])
     for number, entry in enumerate(lists["motions"], 1):
         yield from ((f"[[motion]] {number}:", what) for what in _motion_errors(entry, "dynamics" in given))
-    yield from _limit_errors(checked["limits"])
+    yield from _limit_errors(checked["limits"], "span" in given.get("limits", {}))
     for what in _missing_partner(dynamics, "axial_damping_ratio", "axial_damping_band"):
         yield "dynamics", what
 
 
-def _limit_errors(limits: Limits | None) -> Iterator[tuple[str, str]]:
-    """Yield place and error for each limit that is a share of a span that is not given."""
+def _limit_errors(limits: Limits | None, has_span: bool) -> Iterator[tuple[str, str]]:
+    """Yield place and error for each limit that is a share of a span that is not given.
+
+    has_span : whether the span of all groups is given, right or wrong
+    """
     if limits is None:
         return
     tables = {"limits": limits, **{f"limits.group.{name}": table for name, table in limits.group.items()}}
     for place, table in tables.items():
-        if isinstance(table.displacement, str) and table.span is None and limits.span is None:
+        if isinstance(table.displacement, str) and table.span is None and not has_span:
             yield place, messages.NO_SPAN(limit=table.displacement)
 
 
