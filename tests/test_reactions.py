@@ -303,14 +303,22 @@ def test_supports_of_a_beam_have_its_shear(workshop):
         assert [force[0], force[4]] == pytest.approx([-500.0] * 2, rel=1e-5), stage
 
 
-def test_peak_reactions_at_supports_of_several_cables_count_every_step(workshop):
-    """Two weights that bounce and swing at one support: rows 0.5 s apart lose nothing of its peak."""
-    nodes = "id,x,y,z,fixed,load_z,mass\n1,0,0,4,1,0,0\n2,-3,0,0,0,-1000,100\n3,1,0,1,0,-700,70\n"
-    text = "[cable]\naxial_stiffness = 1e6\nmass_per_length = 1e-3\n[load]\nself_weight = false\nsteps = 0\n"
+@pytest.mark.parametrize("spring, bar", [(0, ""), (3e5, ""), (0, "second_moment = 1e-8\n")])
+def test_peak_reactions_at_supports_of_several_elements_count_every_step(workshop, spring, bar):
+    """Weights that bounce and swing at one support: rows 0.5 s apart lose nothing of its peak."""
+    nodes = (
+        f"id,x,y,z,fixed_x,fixed_y,fixed_z,spring_z,load_z,mass\n1,0,0,4,1,1,{int(not spring)},{spring},0,5\n"
+    )
+    nodes += (
+        "2,-3,0,0,0,0,0,0,-1000,100\n3,1,0,1,0,0,0,0,-700,70\n4,3,0,4,1,1,1,0,0,0\n5,1.5,0,4,0,0,0,0,-50,5\n"
+    )
+    text = "[cable]\nmodulus = 1e11\narea = 1e-5\ndensity = 10.0\n[load]\nself_weight = false\nsteps = 0\n"
+    text += f'[group.beam]\nkind = "bar"\nbending = true\n{bar}' if bar else ""
     text += "[dynamics]\nduration = 1.0\ntime_step = 5e-5\n[output]\nhistory_interval = "
+    pairs = "start,end,group\n1,2,\n1,3,\n1,5,beam\n5,4,beam\n" if bar else "start,end\n1,2\n1,3\n1,5\n5,4\n"
     peaks = []
     for interval in (0.5, 5e-5):
-        envelope = workshop.solve(f"{text}{interval}\n", nodes, "start,end\n1,2\n1,3\n")["envelope"]
+        envelope = workshop.solve(f"{text}{interval}\n", nodes, pairs)["envelope"]
         peaks.append([envelope[name][0] for name in ("reaction_max", "reaction_max_time")])
     assert peaks[0] == pytest.approx(peaks[1], rel=1e-9)
 

@@ -38,8 +38,8 @@ class DynamicEnvelope:
     """The envelope of one rank. Its rows have the order of TENSION and DISPLACEMENT.
 
     tension : (4, m); displacement : (2, n_owned)
-    reaction : (15, h) [N] highest components, lowest components, largest magnitude and its time [s]; of the
-        internal force of each step: highest components, lowest components, largest square
+    reaction : (15, h) [N] highest components, lowest components, largest magnitude and its time [s]; then of
+        the forces without loads at each step: highest components, lowest components, largest square
     supports : (h,) rows of the particles with a support, rigid, elastic or guided
     support_at : (n_owned,) as in `explicit.sampling.Rows`
     moment : (m,) [N m] the largest bending moment, nan: no bending; None: no bending chains

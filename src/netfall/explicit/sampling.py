@@ -20,7 +20,7 @@ from netfall.explicit.energy_check import ObservationArrays, ObservedState
 from netfall.explicit.motion import total_forces
 from netfall.physics.bending import joint_moment
 from netfall.physics.elements import ElementState
-from netfall.physics.fields import Elements, Particles
+from netfall.physics.fields import Elements
 
 REPORTED_STRAIN = 0.1  # strain; a larger one without a fracture strain is reported
 NO_BENDING = -2  # joint number of elements without bending, as in `geometry.cables`
@@ -198,22 +198,47 @@ def update_particle_envelope(p: int, time: float, rows: Rows) -> None:
 def record_new_extreme(
     i: int, column: int, in_second: int, time: float, share: float, f: FloatArray, rows: Rows
 ) -> None:
-    """Include the reaction of support i at a time [s] if its internal force has a new extreme.
+    """Include the reaction of support i at a time [s] if the force on it has a new extreme.
 
     column : of f (3, ...) [N]; in_second, share : as of `include_reaction`
     """
     reaction, square, is_new = rows.reaction, 0.0, False
     for k in range(3):
-        force = f[k, column]
+        force = force_without_loads(k, i, f[k, column], in_second, rows)
         square += force * force
         is_new = is_new or force > reaction[8 + k, i] or force < reaction[11 + k, i]
     if is_new or square > reaction[14, i]:
         for k in range(3):
-            reaction[8 + k, i] = max(reaction[8 + k, i], f[k, column])
-            reaction[11 + k, i] = min(reaction[11 + k, i], f[k, column])
+            force = force_without_loads(k, i, f[k, column], in_second, rows)
+            reaction[8 + k, i] = max(reaction[8 + k, i], force)
+            reaction[11 + k, i] = min(reaction[11 + k, i], force)
         reaction[14, i] = max(reaction[14, i], square)
         fx, fy, fz = f[0, column], f[1, column], f[2, column]
         call(rows.include_reaction, (i, 1, in_second, time, share, fx, fy, fz, rows))
+
+
+@part_of_kernel
+def force_without_loads(k: int, i: int, pull: float, in_second: int, rows: Rows) -> float:
+    """Return the force [N] on support i along axis k of elements and bending chains, or on its spring.
+
+    pull : of the elements [N]; in_second : as of `include_reaction`
+    """
+    p, particles = rows.supports[i], rows.observed.particles
+    if is_present(particles.spring) and particles.free[k, p]:
+        return force_of_spring(k, p, in_second, rows)
+    if is_present(particles.bend):
+        return pull + particles.bend[k, p]
+    return pull
+
+
+@part_of_kernel
+def force_of_spring(k: int, p: int, in_second: int, rows: Rows) -> float:
+    """Return the force [N] along axis k on the spring of particle p; in_second : as of `include_reaction`"""
+    particles = rows.observed.particles
+    force = particles.spring[k, p] * elongation_of(k, p, in_second, rows)
+    if is_present(particles.turned) and k < 2:
+        force += particles.turned[2, p] * elongation_of(1 - k, p, in_second, rows)
+    return force
 
 
 @routine(whole, whole, whole, real, real, real, real, real, Rows)
@@ -253,9 +278,7 @@ def include_reaction(
         if particles.free[k, p]:
             force = along * particles.turned[k, p] if turned and k < 2 else 0.0
             if is_present(particles.spring):
-                force += particles.spring[k, p] * elongation_of(k, p, x, particles)
-                if turned and k < 2:
-                    force += particles.turned[2, p] * elongation_of(1 - k, p, x, particles)
+                force += force_of_spring(k, p, in_second, rows)
         reaction[k, i], reaction[3 + k, i] = max(reaction[k, i], force), min(reaction[3 + k, i], force)
         square += force * force
     if math.sqrt(square) > reaction[6, i]:
@@ -264,9 +287,11 @@ def include_reaction(
 
 
 @part_of_kernel
-def elongation_of(k: int, p: int, x: FloatArray, particles: Particles) -> float:
-    """Return the elongation [m] of the spring of particle p along axis k at positions x (3, n) [m]."""
-    return (x[k, p] - particles.x_start[k, p]) - particles.spring_rest[k, p]
+def elongation_of(k: int, p: int, in_second: int, rows: Rows) -> float:
+    """Return the elongation [m] of the spring of particle p along axis k."""
+    particles = rows.observed.particles
+    x = rows.second[k, p] if in_second else particles.x[k, p]
+    return (x - particles.x_start[k, p]) - particles.spring_rest[k, p]
 
 
 @kernel

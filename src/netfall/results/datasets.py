@@ -146,7 +146,7 @@ slack_time | m | s | time in which a cable was slack; a cable that is slack in a
 displacement_max | n | m | largest displacement of a node, as in `/VTKHDF`; fragments do not count
 displacement_max_time | n | s | time of the first row with this displacement
 reaction_max | n | N | largest magnitude of the reaction, without inertia of the node, over the same steps as
-    the largest axial force; at elastic supports and bending chains only where the pull of the elements peaks
+    the largest axial force
 reaction_max_time | n | s | time of the step or row with this reaction
 reaction_highest | n, 3 | N | highest components, with sign
 reaction_lowest | n, 3 | N | lowest components
